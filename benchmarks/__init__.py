@@ -1,0 +1,1 @@
+"""Accuracy and timings beside truth and peers; not part of the installed package."""

@@ -1,0 +1,313 @@
+"""Normals, i.n, the occluding contour and the image force on it: the paper's switch (12) and the sub-node contour."""
+
+import warp as wp
+
+from . import image, projection
+
+
+@wp.struct
+class Crossing:
+    """A point of the contour i.n = 0 on an edge of the grid: four nodes and their weights."""
+
+    n0: int
+    n1: int
+    n2: int
+    n3: int
+    weight: wp.vec4
+    position: wp.vec3
+    normal: wp.vec3
+
+
+@wp.func
+def surface_normal(
+    v: wp.array[wp.vec3], start: int, x: int, n: int, s: int, ns: int, centroid: wp.array[wp.vec3], ring: int, closed: int
+):
+    """n(x, s) below (12), outward, by central differences; at a closed end the outward axis of the cap."""
+    if closed != 0:
+        if s == 0:
+            return wp.normalize(v[start] - centroid[ring + 1])
+        return wp.normalize(v[start] - centroid[ring - 1])
+    dx = v[start + (x + 1) % n] - v[start + (x + n - 1) % n]
+    lo = start + x
+    hi = start + x
+    if s > 0:
+        lo -= n
+    if s < ns - 1:
+        hi += n
+    return wp.normalize(wp.cross(dx, v[hi] - v[lo]))
+
+
+@wp.kernel(enable_backward=False)
+def normals(
+    # model
+    node_ring: wp.array[int],
+    ring_tube: wp.array[int],
+    ring_node: wp.array[int],
+    ring_s: wp.array[int],
+    tube_nx: wp.array[int],
+    tube_ns: wp.array[int],
+    ring_closed: wp.array[int],
+    eyes: wp.array[projection.Eye],
+    # state in
+    tube_in: wp.array[wp.vec3],
+    centroid_in: wp.array[wp.vec3],
+    # scalars
+    view: int,
+    # out
+    normal_out: wp.array[wp.vec3],
+    facing_out: wp.array[float],
+):
+    """Sets the unit normal n and i.n of (12) at each node for one view."""
+    i = wp.tid()
+    r = node_ring[i]
+    k = ring_tube[r]
+    start = ring_node[r]
+    m = surface_normal(
+        tube_in, start, i - start, tube_nx[k], ring_s[r], tube_ns[k], centroid_in, r, ring_closed[r]
+    )
+    normal_out[i] = m
+    facing_out[i] = wp.dot(projection.sight(eyes[view], tube_in[i]), m)
+
+
+@wp.func
+def crossing(
+    v: wp.array[wp.vec3],
+    normal: wp.array[wp.vec3],
+    facing: wp.array[float],
+    before: int,
+    a: int,
+    b: int,
+    after: int,
+):
+    """The contour's point between nodes `a` and `b`: by i.n linear, its place by Catmull-Rom through four nodes.
+
+    `before` or `after` is -1 at an open end, where the third difference is taken as zero.
+    """
+    t = facing[a] / (facing[a] - facing[b])
+    t2 = t * t
+    t3 = t2 * t
+    w0 = 0.5 * (-t + 2.0 * t2 - t3)
+    w1 = 0.5 * (2.0 - 5.0 * t2 + 3.0 * t3)
+    w2 = 0.5 * (t + 4.0 * t2 - 3.0 * t3)
+    w3 = 0.5 * (t3 - t2)
+    c = Crossing()
+    c.n0 = before
+    c.n1 = a
+    c.n2 = b
+    c.n3 = after
+    if before < 0:
+        c.n0 = a
+        w1 += 3.0 * w0
+        w2 -= 3.0 * w0
+        w3 += w0
+        w0 = 0.0
+    if after < 0:
+        c.n3 = b
+        w2 += 3.0 * w3
+        w1 -= 3.0 * w3
+        w0 += w3
+        w3 = 0.0
+    c.weight = wp.vec4(w0, w1, w2, w3)
+    c.position = w0 * v[c.n0] + w1 * v[a] + w2 * v[b] + w3 * v[c.n3]
+    c.normal = (1.0 - t) * normal[a] + t * normal[b]
+    return c
+
+
+@wp.func
+def along_ring(v: wp.array[wp.vec3], normal: wp.array[wp.vec3], facing: wp.array[float], start: int, x: int, n: int):
+    """Crossing on the edge of a ring from x to x + 1."""
+    return crossing(
+        v, normal, facing, start + (x + n - 1) % n, start + x, start + (x + 1) % n, start + (x + 2) % n
+    )
+
+
+@wp.func
+def along_meridian(
+    v: wp.array[wp.vec3], normal: wp.array[wp.vec3], facing: wp.array[float], at: int, n: int, s: int, ns: int
+):
+    """Crossing on the edge of a meridian from s to s + 1."""
+    before = int(-1)
+    after = int(-1)
+    if s > 0:
+        before = at - n
+    if s < ns - 2:
+        after = at + 2 * n
+    return crossing(v, normal, facing, before, at, at + n, after)
+
+
+@wp.func
+def scatter(force: wp.array[wp.vec3], c: Crossing, f: wp.vec3):
+    """Adds f to the four nodes of a crossing by their weights."""
+    wp.atomic_add(force, c.n0, c.weight[0] * f)
+    wp.atomic_add(force, c.n1, c.weight[1] * f)
+    wp.atomic_add(force, c.n2, c.weight[2] * f)
+    wp.atomic_add(force, c.n3, c.weight[3] * f)
+
+
+@wp.func
+def pull(
+    eye: projection.Eye,
+    field: image.Field,
+    samples: wp.array[wp.vec3],
+    c: Crossing,
+    p: wp.vec2,
+    normal: wp.vec2,
+    length: float,
+    literal: int,
+):
+    """World force at one end of a contour segment that stands for `length` pixels of contour."""
+    d = projection.depth(eye, c.position)
+    j0 = projection.jacobian_row(eye.row0, eye.row2, p[0], d)
+    j1 = projection.jacobian_row(eye.row1, eye.row2, p[1], d)
+    value = image.sample(samples, field, p)
+    weight = field.gain * length * image.pixel_size(j0, j1)
+    if literal != 0:
+        return weight * image.chain(j0, j1, wp.vec2(value[0], value[1]))
+    return weight * image.lift(j0, j1, image.normal_pull(value, normal))
+
+
+@wp.func
+def segment(
+    eye: projection.Eye,
+    field: image.Field,
+    samples: wp.array[wp.vec3],
+    a: Crossing,
+    b: Crossing,
+    density: float,
+    literal: int,
+    force: wp.array[wp.vec3],
+):
+    """Adds the line integral of the image force over one straight piece of contour to the nodes it hangs on."""
+    p = projection.project(eye, a.position)
+    q = projection.project(eye, b.position)
+    e = q - p
+    length = wp.length(e)
+    if length < 1.0e-6:
+        return
+    m = wp.vec2(e[1], -e[0]) / length
+    outward = a.normal + b.normal
+    ahead = projection.project(eye, a.position + 1.0e-3 * outward)
+    if wp.dot(m, ahead - p) < 0.0:
+        m = -m
+    scatter(force, a, density * pull(eye, field, samples, a, p, m, 0.5 * length, literal))
+    scatter(force, b, density * pull(eye, field, samples, b, q, m, 0.5 * length, literal))
+
+
+@wp.kernel(enable_backward=False)
+def contour_force(
+    # model
+    node_ring: wp.array[int],
+    ring_tube: wp.array[int],
+    ring_node: wp.array[int],
+    ring_s: wp.array[int],
+    tube_nx: wp.array[int],
+    tube_ns: wp.array[int],
+    eyes: wp.array[projection.Eye],
+    fields: wp.array2d[image.Field],
+    samples: wp.array[wp.vec3],
+    # state in
+    tube_in: wp.array[wp.vec3],
+    normal_in: wp.array[wp.vec3],
+    facing_in: wp.array[float],
+    # scalars
+    view: int,
+    literal: int,
+    # out
+    force_out: wp.array[wp.vec3],
+):
+    """Adds the image force (11) on the sub-node contour: the cell's pieces of i.n = 0, weighted by their length."""
+    i = wp.tid()
+    r = node_ring[i]
+    k = ring_tube[r]
+    n = tube_nx[k]
+    ns = tube_ns[k]
+    s = ring_s[r]
+    if s == ns - 1:
+        return
+    start = ring_node[r]
+    x = i - start
+    i10 = start + (x + 1) % n
+    g00 = facing_in[i] >= 0.0
+    g10 = facing_in[i10] >= 0.0
+    g01 = facing_in[i + n] >= 0.0
+    g11 = facing_in[i10 + n] >= 0.0
+    if g00 == g10 and g00 == g01 and g00 == g11:
+        return
+    # a line load along s as a load per hx hs
+    density = float(n) * float(ns - 1)
+    eye = eyes[view]
+    field = fields[k, view]
+    bottom = Crossing()
+    top = Crossing()
+    left = Crossing()
+    right = Crossing()
+    if g00 != g10:
+        bottom = along_ring(tube_in, normal_in, facing_in, start, x, n)
+    if g01 != g11:
+        top = along_ring(tube_in, normal_in, facing_in, start + n, x, n)
+    if g00 != g01:
+        left = along_meridian(tube_in, normal_in, facing_in, i, n, s, ns)
+    if g10 != g11:
+        right = along_meridian(tube_in, normal_in, facing_in, i10, n, s, ns)
+    if g00 != g10 and g01 != g11 and g00 != g01:
+        # a saddle: the sign at the cell's middle says which corners are cut off
+        middle = facing_in[i] + facing_in[i10] + facing_in[i + n] + facing_in[i10 + n] >= 0.0
+        if middle == g00:
+            segment(eye, field, samples, bottom, right, density, literal, force_out)
+            segment(eye, field, samples, top, left, density, literal, force_out)
+        else:
+            segment(eye, field, samples, bottom, left, density, literal, force_out)
+            segment(eye, field, samples, top, right, density, literal, force_out)
+    elif g00 != g10 and g01 != g11:
+        segment(eye, field, samples, bottom, top, density, literal, force_out)
+    elif g00 != g01 and g10 != g11:
+        segment(eye, field, samples, left, right, density, literal, force_out)
+    elif g00 != g10 and g00 != g01:
+        segment(eye, field, samples, bottom, left, density, literal, force_out)
+    elif g00 != g10:
+        segment(eye, field, samples, bottom, right, density, literal, force_out)
+    elif g00 != g01:
+        segment(eye, field, samples, left, top, density, literal, force_out)
+    else:
+        segment(eye, field, samples, top, right, density, literal, force_out)
+
+
+@wp.kernel(enable_backward=False)
+def switch_force(
+    # model
+    node_ring: wp.array[int],
+    ring_tube: wp.array[int],
+    tube_ns: wp.array[int],
+    eyes: wp.array[projection.Eye],
+    fields: wp.array2d[image.Field],
+    samples: wp.array[wp.vec3],
+    # state in
+    tube_in: wp.array[wp.vec3],
+    normal_in: wp.array[wp.vec3],
+    facing_in: wp.array[float],
+    # scalars
+    view: int,
+    literal: int,
+    tau: float,
+    # out
+    force_out: wp.array[wp.vec3],
+):
+    """Adds the image force (11) by the paper's switch (12): beta is 1 at nodes where |i.n| < tau, else 0."""
+    i = wp.tid()
+    if wp.abs(facing_in[i]) >= tau:
+        return
+    k = ring_tube[node_ring[i]]
+    eye = eyes[view]
+    field = fields[k, view]
+    v = tube_in[i]
+    p = projection.project(eye, v)
+    d = projection.depth(eye, v)
+    j0 = projection.jacobian_row(eye.row0, eye.row2, p[0], d)
+    j1 = projection.jacobian_row(eye.row1, eye.row2, p[1], d)
+    value = image.sample(samples, field, p)
+    if literal != 0:
+        f = image.chain(j0, j1, wp.vec2(value[0], value[1]))
+    else:
+        m = wp.vec2(wp.dot(j0, normal_in[i]), wp.dot(j1, normal_in[i]))
+        f = image.lift(j0, j1, image.normal_pull(value, wp.normalize(m)))
+    wp.atomic_add(force_out, i, 25.0 * field.gain * f)

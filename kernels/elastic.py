@@ -1,0 +1,95 @@
+"""Elastic forces (4), (5) on lines of nodes, open or periodic, with the natural boundary rows of the energies (2), (3)."""
+
+import warp as wp
+
+
+@wp.func
+def bend(p: wp.vec3, q: wp.vec3, r: wp.vec3):
+    """Second difference p - 2 q + r."""
+    return p - 2.0 * q + r
+
+
+@wp.func
+def line_force(
+    v: wp.array[wp.vec3],
+    tension: wp.array[float],
+    rigidity: wp.array[float],
+    at: int,
+    stride: int,
+    i: int,
+    n: int,
+    h: float,
+):
+    """Minus (4) at node `i` of an open line of `n` nodes, per h; `at` is its index in `v`.
+
+    `tension[k]` belongs to the edge from k to its successor, `rigidity[k]` to node k.
+    """
+    f = wp.vec3(0.0)
+    p = v[at]
+    t1 = 1.0 / (h * h)
+    t2 = t1 * t1
+    if i > 0:
+        f += tension[at - stride] * t1 * (v[at - stride] - p)
+    if i < n - 1:
+        f += tension[at] * t1 * (v[at + stride] - p)
+    if i > 1:
+        f -= rigidity[at - stride] * t2 * bend(v[at - 2 * stride], v[at - stride], p)
+    if i > 0 and i < n - 1:
+        f += 2.0 * rigidity[at] * t2 * bend(v[at - stride], p, v[at + stride])
+    if i < n - 2:
+        f -= rigidity[at + stride] * t2 * bend(p, v[at + stride], v[at + 2 * stride])
+    return f
+
+
+@wp.func
+def ring_force(
+    v: wp.array[wp.vec3],
+    tension: wp.array[float],
+    rigidity: wp.array[float],
+    start: int,
+    x: int,
+    n: int,
+    h: float,
+):
+    """Minus the x part of (5) at node `x` of a periodic line (6) of `n` nodes that begins at `start`."""
+    x1 = start + (x + n - 1) % n
+    x2 = start + (x + n - 2) % n
+    y1 = start + (x + 1) % n
+    y2 = start + (x + 2) % n
+    at = start + x
+    t1 = 1.0 / (h * h)
+    t2 = t1 * t1
+    f = t1 * (tension[x1] * (v[x1] - v[at]) + tension[at] * (v[y1] - v[at]))
+    f -= t2 * rigidity[x1] * bend(v[x2], v[x1], v[at])
+    f += t2 * 2.0 * rigidity[at] * bend(v[x1], v[at], v[y1])
+    f -= t2 * rigidity[y1] * bend(v[at], v[y1], v[y2])
+    return f
+
+
+@wp.func
+def cell_twist(v: wp.array[wp.vec3], weight: wp.array[float], start: int, x: int, n: int):
+    """Weighted mixed difference w11 (v11 - v10 - v01 + v00) of the cell whose first corner is node x of the ring at start."""
+    y = (x + 1) % n
+    return weight[start + x] * (v[start + n + y] - v[start + n + x] - v[start + y] + v[start + x])
+
+
+@wp.func
+def twist_force(
+    v: wp.array[wp.vec3],
+    weight: wp.array[float],
+    start: int,
+    x: int,
+    n: int,
+    s: int,
+    ns: int,
+    hx: float,
+    hs: float,
+):
+    """Minus the mixed part of (5), from the four cells round a node."""
+    w = (x + n - 1) % n
+    f = wp.vec3(0.0)
+    if s < ns - 1:
+        f += cell_twist(v, weight, start, w, n) - cell_twist(v, weight, start, x, n)
+    if s > 0:
+        f += cell_twist(v, weight, start - n, x, n) - cell_twist(v, weight, start - n, w, n)
+    return 2.0 / (hx * hx * hs * hs) * f

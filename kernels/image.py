@@ -1,0 +1,62 @@
+"""Looking a potential up and the image force of (11), as the paper writes it and normalised."""
+
+import warp as wp
+
+
+@wp.struct
+class Field:
+    """Where one potential lies in the flat array of samples, and how image points map to its pixels."""
+
+    start: int
+    width: int
+    height: int
+    x0: float  # image column of sample (0, 0)
+    y0: float
+    step: float  # image pixels a sample
+    gain: float  # of the force at this field
+
+
+@wp.func
+def sample(samples: wp.array[wp.vec3], field: Field, p: wp.vec2):
+    """Bilinear look-up (section 5) at image point `p`; the border's value beyond it."""
+    x = wp.clamp((p[0] - field.x0) / field.step, 0.0, float(field.width) - 1.001)
+    y = wp.clamp((p[1] - field.y0) / field.step, 0.0, float(field.height) - 1.001)
+    i = int(x)
+    j = int(y)
+    u = x - float(i)
+    v = y - float(j)
+    at = field.start + j * field.width + i
+    top = (1.0 - u) * samples[at] + u * samples[at + 1]
+    low = (1.0 - u) * samples[at + field.width] + u * samples[at + field.width + 1]
+    return (1.0 - v) * top + v * low
+
+
+@wp.func
+def normal_pull(value: wp.vec3, normal: wp.vec2):
+    """Normalised force [px]: the pull (value.xy) across the contour and the region's pressure (value.z), outward."""
+    return (value[0] * normal[0] + value[1] * normal[1] + value[2]) * normal
+
+
+@wp.func
+def lift(j0: wp.vec3, j1: wp.vec3, f: wp.vec2):
+    """Least world displacement whose projection is the image displacement `f`: J^T (J J^T)^-1 f."""
+    a = wp.dot(j0, j0)
+    b = wp.dot(j0, j1)
+    c = wp.dot(j1, j1)
+    det = a * c - b * b
+    return ((c * f[0] - b * f[1]) * j0 + (a * f[1] - b * f[0]) * j1) / det
+
+
+@wp.func
+def pixel_size(j0: wp.vec3, j1: wp.vec3):
+    """World length of an image pixel at a point, (det J J^T)^(-1/4)."""
+    a = wp.dot(j0, j0)
+    b = wp.dot(j0, j1)
+    c = wp.dot(j1, j1)
+    return 1.0 / wp.sqrt(wp.sqrt(wp.max(a * c - b * b, 1.0e-30)))
+
+
+@wp.func
+def chain(j0: wp.vec3, j1: wp.vec3, f: wp.vec2):
+    """Gradient of (11) by the chain rule, J^T f."""
+    return f[0] * j0 + f[1] * j1

@@ -1,0 +1,168 @@
+"""Position updates: a ring's slow modes apart from the rest, line solves, and the step itself."""
+
+import warp as wp
+
+from . import banded
+
+TURN = wp.constant(6.283185307179586)
+
+
+@wp.kernel(enable_backward=False)
+def split_modes(
+    # model
+    ring_tube: wp.array[int],
+    ring_node: wp.array[int],
+    tube_nx: wp.array[int],
+    ring_closed: wp.array[int],
+    first_mode: wp.array[float],
+    step: wp.array2d[float],
+    # state in
+    force_in: wp.array[wp.vec3],
+    spine_force_in: wp.array[wp.vec3],
+    # scalars
+    rings: int,
+    # out
+    delta_out: wp.array[wp.vec3],
+    low_out: wp.array[wp.vec3],
+    residual_out: wp.array[float],
+):
+    """Sets dt R apart into the ring's modes k = 0, +-1 (with a longer step) and the rest; and the ring's mean |R|^2.
+
+    `low_out` holds four lines of `rings` entries: mean, cosine, sine, spine. `first_mode` is the ring's stiffness in
+    mode 1. A closed end has its mean alone.
+    """
+    r = wp.tid()
+    k = ring_tube[r]
+    n = tube_nx[k]
+    start = ring_node[r]
+    dt = step[k, 0]
+    slow = step[k, 1]
+    mean = wp.vec3(0.0)
+    cosine = wp.vec3(0.0)
+    sine = wp.vec3(0.0)
+    square = float(0.0)
+    for x in range(n):
+        f = force_in[start + x]
+        angle = TURN * float(x) / float(n)
+        mean += f
+        cosine += wp.cos(angle) * f
+        sine += wp.sin(angle) * f
+        square += wp.dot(f, f)
+    mean /= float(n)
+    low_out[3 * rings + r] = dt * spine_force_in[r]
+    if ring_closed[r] != 0:
+        residual_out[r] = wp.dot(mean, mean)
+        low_out[r] = slow * mean
+        low_out[rings + r] = wp.vec3(0.0)
+        low_out[2 * rings + r] = wp.vec3(0.0)
+        for x in range(n):
+            delta_out[start + x] = wp.vec3(0.0)
+        return
+    residual_out[r] = square / float(n)
+    cosine *= 2.0 / float(n)
+    sine *= 2.0 / float(n)
+    first = slow / (1.0 + slow * first_mode[r])
+    low_out[r] = slow * mean
+    low_out[rings + r] = first * cosine
+    low_out[2 * rings + r] = first * sine
+    for x in range(n):
+        angle = TURN * float(x) / float(n)
+        rest = force_in[start + x] - mean - wp.cos(angle) * cosine - wp.sin(angle) * sine
+        delta_out[start + x] = dt * rest
+
+
+@wp.kernel(enable_backward=False)
+def sweep_rings(
+    # model
+    ring_tube: wp.array[int],
+    ring_node: wp.array[int],
+    tube_nx: wp.array[int],
+    ring_closed: wp.array[int],
+    lower1: wp.array[float],
+    lower2: wp.array[float],
+    inverse: wp.array[float],
+    border: wp.array[wp.vec2],
+    corner: wp.array[wp.vec3],
+    edge: wp.array2d[float],
+    # out
+    delta_out: wp.array[wp.vec3],
+):
+    """Solves (1 + dt Kx) D = rhs in place on every ring (first sweep of the ADI step, section 5)."""
+    r = wp.tid()
+    if ring_closed[r] != 0:
+        return
+    n = tube_nx[ring_tube[r]]
+    banded.solve_cyclic(lower1, lower2, inverse, border, corner, edge, r, delta_out, ring_node[r], n)
+
+
+@wp.kernel(enable_backward=False)
+def sweep_meridians(
+    # model
+    line_tube: wp.array[int],
+    line_x: wp.array[int],
+    tube_nx: wp.array[int],
+    tube_ns: wp.array[int],
+    tube_node: wp.array[int],
+    tube_ring: wp.array[int],
+    lower1: wp.array[float],
+    lower2: wp.array[float],
+    inverse: wp.array[float],
+    low_lower1: wp.array[float],
+    low_lower2: wp.array[float],
+    low_inverse: wp.array[float],
+    # scalars
+    rings: int,
+    # out
+    delta_out: wp.array[wp.vec3],
+    low_out: wp.array[wp.vec3],
+):
+    """Solves (1 + dt Ks) D = rhs in place on every meridian and on the lines of slow modes and spine (second sweep)."""
+    i = wp.tid()
+    k = line_tube[i]
+    x = line_x[i]
+    ns = tube_ns[k]
+    if x >= 0:
+        banded.solve_open(lower1, lower2, inverse, delta_out, tube_node[k] + x, tube_nx[k], ns)
+    else:
+        at = tube_ring[k] - (x + 1) * rings
+        banded.solve_open(low_lower1, low_lower2, low_inverse, low_out, at, 1, ns)
+
+
+@wp.kernel(enable_backward=False)
+def scale_nodes(
+    # model
+    inverse: wp.array[float],
+    # out
+    delta_out: wp.array[wp.vec3],
+):
+    """Multiplies each entry by its inverse diagonal (implicit Jacobi)."""
+    i = wp.tid()
+    delta_out[i] = inverse[i] * delta_out[i]
+
+
+@wp.kernel(enable_backward=False)
+def advance(
+    # model
+    node_ring: wp.array[int],
+    ring_tube: wp.array[int],
+    ring_node: wp.array[int],
+    tube_nx: wp.array[int],
+    # state in
+    delta_in: wp.array[wp.vec3],
+    low_in: wp.array[wp.vec3],
+    # scalars
+    rings: int,
+    # out
+    tube_out: wp.array[wp.vec3],
+    spine_out: wp.array[wp.vec3],
+):
+    """Adds the step to tube and spine; the spine goes along with its ring's mean, so that (7) and (8) stay at rest."""
+    i = wp.tid()
+    r = node_ring[i]
+    x = i - ring_node[r]
+    angle = TURN * float(x) / float(tube_nx[ring_tube[r]])
+    mean = low_in[r]
+    d = delta_in[i] + mean + wp.cos(angle) * low_in[rings + r] + wp.sin(angle) * low_in[2 * rings + r]
+    tube_out[i] = tube_out[i] + d
+    if x == 0:
+        spine_out[r] = spine_out[r] + low_in[3 * rings + r] + mean

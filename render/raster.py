@@ -1,0 +1,178 @@
+"""Shaded frames of meshes, drawn off screen by pyrender."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .lighting import backdrop, lit, vertex_normals
+from .lines import Colour, Polylines, stroke
+from .offscreen import Surface
+from .platform import RenderError
+
+Meshes = Sequence[tuple[np.ndarray, np.ndarray, Colour]]
+"""(vertices (V, 3) world units, faces (F, 3) outward, sRGB colour), one for each object."""
+
+_TO_GL = np.array([1.0, -1.0, -1.0])  # OpenGL looks along -z with y up
+
+
+@dataclass(frozen=True)
+class Viewpoint:
+    """An orthographic look at a fixed sphere, so that the framing never changes within a clip."""
+
+    centre: np.ndarray
+    """of the sphere, shape (3,), world units."""
+    radius: float
+    """of the sphere, world units."""
+    azimuth: float = 0.0
+    """degrees the viewer has walked around the vertical toward the object's right; 90 sees its right side."""
+    elevation: float = 0.0
+    """degrees above the horizontal; 90 looks straight down."""
+    front: np.ndarray = field(default_factory=lambda: np.eye(3))
+    """rotation from the world to the frame (right, down, away) of azimuth and elevation 0, shape (3, 3)."""
+    margin: float = 1.08
+    """half the shorter side of the picture, in radii."""
+
+    @property
+    def rotation(self) -> np.ndarray:
+        """World to (right, down, away), shape (3, 3)."""
+        a, e = np.radians([self.azimuth, self.elevation])
+        around = np.array([[np.cos(a), 0, np.sin(a)], [0, 1, 0], [-np.sin(a), 0, np.cos(a)]])
+        above = np.array([[1, 0, 0], [0, np.cos(e), -np.sin(e)], [0, np.sin(e), np.cos(e)]])
+        return above @ around @ self.front
+
+    def look(self, points: np.ndarray) -> np.ndarray:
+        """World points, shape (n, 3), as (right, down, away) in radii from the centre, shape (n, 3)."""
+        return (np.asarray(points, float) - self.centre) @ (self.rotation / self.radius).T
+
+    def project(self, points: np.ndarray, width: int, height: int) -> np.ndarray:
+        """World points, shape (n, 3), as (column, row) of a picture, shape (n, 2)."""
+        scale = min(width, height) / 2 / self.margin
+        return self.look(points)[:, :2] * scale + (np.array([width, height]) - 1) / 2
+
+
+def bounding_sphere(*vertices: np.ndarray) -> tuple[np.ndarray, float]:
+    """Centre, shape (3,), of the box around all points given, each of shape (n, 3), and the radius that holds them."""
+    points = np.concatenate([np.asarray(part, float).reshape(-1, 3) for part in vertices])
+    centre = (points.min(axis=0) + points.max(axis=0)) / 2
+    return centre, max(float(np.linalg.norm(points - centre, axis=1).max()), 1e-12)
+
+
+class Renderer:
+    """Draws pictures of one size; a context manager, and only one may be open in a process.
+
+    Args:
+        width, height: px.
+        supersample: pixels drawn along each side of a pixel, against jagged edges.
+
+    Raises:
+        RenderError: no OpenGL context can be had, or another Renderer is open; the message names the remedy.
+    """
+
+    _one = threading.Lock()
+
+    def __init__(self, width: int, height: int, supersample: int = 2):
+        self.width, self.height, self.supersample = width, height, supersample
+        if not Renderer._one.acquire(blocking=False):
+            raise RenderError("another Renderer is open: close it first, OpenGL allows one a process")
+        try:
+            self._surface = Surface(width * supersample, height * supersample)
+        except BaseException:
+            Renderer._one.release()
+            raise
+        self._backdrop = backdrop(width, height)
+
+    def __enter__(self) -> Renderer:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Free the OpenGL context; a second call does nothing."""
+        if self._surface is not None:
+            self._surface.close()
+            self._surface = None
+            Renderer._one.release()
+
+    def identity(self) -> tuple[str, str]:
+        """GL_VENDOR and GL_RENDERER."""
+        return self._surface.identity()
+
+    def shade(
+        self,
+        meshes: Meshes,
+        viewpoint: Viewpoint,
+        lines: Polylines = (),
+        line_colour: Colour = (255, 255, 255),
+        line_width: float = 1.2,
+    ) -> np.ndarray:
+        """A picture of the meshes before the backdrop, shape (H, W, 3), uint8.
+
+        Args:
+            meshes: (vertices, faces, colour) each.
+            viewpoint: where the viewer stands.
+            lines: polylines in the world, shape (n, 3) each, drawn on top where no surface hides them.
+            line_colour: sRGB.
+            line_width: px.
+        """
+        picture = _over(self._layer(meshes, viewpoint), self._backdrop)
+        if len(lines):
+            depth = self._surface.depth()
+            seen = [part for line in lines for part in self._unhidden(np.asarray(line, float), viewpoint, depth)]
+            stroke(picture, seen, line_colour, line_width, alpha=0.85)
+        return picture
+
+    def alpha(self, meshes: Meshes, viewpoint: Viewpoint) -> np.ndarray:
+        """Share of each pixel that the meshes cover, shape (H, W), float32 in [0, 1]."""
+        return self._layer(meshes, viewpoint)[..., 3] / np.float32(255)
+
+    def _layer(self, meshes: Meshes, viewpoint: Viewpoint) -> np.ndarray:
+        """Colours premultiplied by coverage, shape (H, W, 4), uint8."""
+        positions, colours, triangles, count = [], [], [], 0
+        for vertices, faces, colour in meshes:  # merged: each node costs milliseconds
+            faces = np.asarray(faces, np.int64)
+            seen = viewpoint.look(vertices) * _TO_GL
+            positions.append(seen)
+            colours.append(lit(vertex_normals(seen, faces), colour))
+            triangles.append(faces + count)
+            count += len(seen)
+        drawn = self._surface.draw(
+            np.concatenate(positions), np.concatenate(colours), np.concatenate(triangles), viewpoint.margin
+        )
+        return np.asarray(drawn.reduce(self.supersample) if self.supersample > 1 else drawn)
+
+    def _unhidden(self, line: np.ndarray, viewpoint: Viewpoint, depth: np.ndarray) -> list[np.ndarray]:
+        """The parts of a world polyline before the surface, as polylines in the picture."""
+        fine = _densified(line, viewpoint.radius / 150)
+        size = np.array([self.width, self.height]) * self.supersample
+        pixel = viewpoint.project(fine, *size)
+        ahead = _furthest(depth, pixel) - viewpoint.look(fine)[:, 2]
+        runs = np.flatnonzero(np.diff(np.concatenate([[False], ahead > -0.012, [False]]).astype(np.int8)))
+        # a supersampled point p lies at (p + 1/2) / s - 1/2 of the picture
+        picture = (pixel + 0.5) / self.supersample - 0.5
+        return [picture[first:last] for first, last in zip(runs[::2], runs[1::2], strict=True)]
+
+
+def _furthest(depth: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Largest depth within a pixel of each point (column, row), so that lines on the very rim stay."""
+    height, width = depth.shape
+    column = np.clip(np.rint(points[:, 0]).astype(int), 1, width - 2)
+    row = np.clip(np.rint(points[:, 1]).astype(int), 1, height - 2)
+    return np.max([depth[row + i, column + j] for i in (-1, 0, 1) for j in (-1, 0, 1)], axis=0)
+
+
+def _densified(line: np.ndarray, step: float) -> np.ndarray:
+    """A polyline, shape (n, 3), with extra points so that none are further apart than `step`."""
+    count = np.maximum(np.ceil(np.linalg.norm(np.diff(line, axis=0), axis=1) / step), 1).astype(int)
+    knots = np.concatenate([[0], np.cumsum(count)])
+    return np.column_stack([np.interp(np.arange(knots[-1] + 1), knots, line[:, axis]) for axis in range(3)])
+
+
+def _over(layer: np.ndarray, under: np.ndarray) -> np.ndarray:
+    """A premultiplied layer, shape (H, W, 4), before a picture, shape (H, W, 3); all uint8."""
+    clear = (255 - layer[..., 3:]).astype(np.uint16)
+    return layer[..., :3] + ((under * clear + 127) // 255).astype(np.uint8)

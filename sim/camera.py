@@ -1,0 +1,53 @@
+"""Projection Pi of (11): 3 x 4 cameras, world frame X right, Y down, Z away from the viewer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A 3 x 4 matrix from homogeneous world points to homogeneous image points (column, row, 1).
+
+    Affine where the last row is (0, 0, 0, 1). Pixel centres lie at whole numbers.
+    """
+
+    matrix: np.ndarray
+    """shape (3, 4), float64."""
+
+    @classmethod
+    def orthographic(cls, scale: float = 1.0) -> Camera:
+        """(xi, eta) = (X, Y) / scale, with `scale` in world units per pixel (section 4.1)."""
+        return cls(np.array([[1 / scale, 0, 0, 0], [0, 1 / scale, 0, 0], [0, 0, 0, 1.0]]))
+
+    @classmethod
+    def stereo(cls, alpha: float, scale: float = 1.0) -> Camera:
+        """The paper's (15): (xi, eta) = (X + alpha Z, Y) / scale, with its own signed alpha for each eye."""
+        return cls(np.array([[1 / scale, 0, alpha / scale, 0], [0, 1 / scale, 0, 0], [0, 0, 0, 1.0]]))
+
+    @classmethod
+    def perspective(cls, K: np.ndarray, R: np.ndarray, t: np.ndarray) -> Camera:
+        """K (3, 3), R (3, 3), t (3,), world to camera."""
+        return cls(np.asarray(K, float) @ np.column_stack([np.asarray(R, float), np.asarray(t, float)]))
+
+    @property
+    def affine(self) -> bool:
+        """Whether all lines of sight are parallel."""
+        return bool(np.allclose(self.matrix[2, :3], 0.0))
+
+    def project(self, points: np.ndarray) -> np.ndarray:
+        """World points, shape (..., 3), to image points (column, row), shape (..., 2)."""
+        h = points @ self.matrix[:, :3].T + self.matrix[:, 3]
+        return h[..., :2] / h[..., 2:]
+
+    def sight(self, points: np.ndarray) -> np.ndarray:
+        """Unit vectors i of (12) along the line of sight to each world point, away from the viewer, (..., 3)."""
+        m = self.matrix
+        if self.affine:
+            d = np.cross(m[0, :3], m[1, :3])
+            return np.broadcast_to(d / np.linalg.norm(d), points.shape)
+        centre = -np.linalg.solve(m[:, :3], m[:, 3])
+        d = points - centre
+        return d / np.linalg.norm(d, axis=-1, keepdims=True)

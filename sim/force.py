@@ -1,0 +1,71 @@
+"""The right-hand side of (10): launches in order, each stage over all tubes at once."""
+
+from __future__ import annotations
+
+import warp as wp
+
+from ..kernels import contour, coupling
+from .model import Model, State
+
+
+def add_forces(model: Model, state: State, contour_kind: str, literal: bool, tau: float) -> None:
+    """Sets `state.force` and `state.spine_force` to minus the elastic forces (4), (5) plus coupling and image force.
+
+    Args:
+        model: weights, cameras, potentials.
+        state: positions in, forces out.
+        contour_kind: "subnode" or "switch", the paper's (12).
+        literal: the gradient of (11) by the chain rule instead of the normalised force.
+        tau: threshold of (12).
+    """
+    m, s = model, state
+    ring = [m.ring_tube, m.ring_node, m.ring_s, m.tube_nx, m.tube_ns]
+    wp.launch(
+        coupling.ring_means,
+        m.rings,
+        inputs=[*ring, s.tube, s.spine],
+        outputs=[s.centroid, s.radius, s.gap, s.tangent],
+        device=m.device,
+    )
+    wp.launch(
+        coupling.tube_force,
+        m.nodes,
+        inputs=[
+            m.node_ring, *ring, m.ring_closed, m.w10, m.w20, m.w11, m.w01, m.w02, m.coupling,
+            s.tube, s.spine, s.centroid, s.radius, s.gap, s.tangent,
+        ],
+        outputs=[s.force],
+        device=m.device,
+    )  # fmt: skip
+    wp.launch(
+        coupling.spine_force,
+        m.rings,
+        inputs=[m.ring_tube, m.ring_s, m.tube_ns, m.w1, m.w2, m.coupling, s.spine, s.centroid],
+        outputs=[s.spine_force],
+        device=m.device,
+    )
+    for view in range(m.views):
+        wp.launch(
+            contour.normals,
+            m.nodes,
+            inputs=[m.node_ring, *ring, m.ring_closed, m.eyes, s.tube, s.centroid, view],
+            outputs=[s.normal, s.facing],
+            device=m.device,
+        )
+        pictures = [m.eyes, m.fields, m.samples, s.tube, s.normal, s.facing, view, int(literal)]
+        if contour_kind == "switch":
+            wp.launch(
+                contour.switch_force,
+                m.nodes,
+                inputs=[m.node_ring, m.ring_tube, m.tube_ns, *pictures, tau],
+                outputs=[s.force],
+                device=m.device,
+            )
+        else:
+            wp.launch(
+                contour.contour_force,
+                m.nodes,
+                inputs=[m.node_ring, *ring, *pictures],
+                outputs=[s.force],
+                device=m.device,
+            )

@@ -1,0 +1,77 @@
+"""The first tube: circles round a rough axis, closed at both ends."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .camera import Camera
+from .foreground import axis_curve
+
+
+def lift(points: np.ndarray, camera: Camera, depth: float) -> np.ndarray:
+    """World points of image points at a depth along the view's axis.
+
+    Args:
+        points: shape (n, 2), image points (column, row).
+        camera: of the view.
+        depth: along the axis from the world's origin (affine), or from the focal point (perspective) [world units].
+
+    Returns:
+        shape (n, 3).
+
+    Raises:
+        ValueError: depth is not positive in a perspective view.
+    """
+    m = camera.matrix
+    if camera.affine:
+        flat = (points - m[:2, 3]) @ np.linalg.pinv(m[:2, :3]).T
+        return flat + depth * camera.sight(np.zeros(3))
+    if depth <= 0:
+        raise ValueError("a perspective view needs a spine in world points, or a positive depth")
+    h = np.column_stack([points, np.ones(len(points))]) * depth
+    return (h - m[:, 3]) @ np.linalg.inv(m[:, :3]).T
+
+
+def frames(curve: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Tangent, normal and binormal along a curve without twist (double reflection), shape (n, 3) each, N x B = T."""
+    tangent = np.gradient(curve, axis=0)
+    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+    first = np.eye(3)[np.argmin(np.abs(tangent[0]))]
+    normal = np.zeros_like(curve)
+    normal[0] = first - tangent[0] * (first @ tangent[0])
+    normal[0] /= np.linalg.norm(normal[0])
+    for i in range(len(curve) - 1):
+        v = curve[i + 1] - curve[i]
+        n = normal[i] - 2 * v * (v @ normal[i]) / (v @ v)
+        t = tangent[i] - 2 * v * (v @ tangent[i]) / (v @ v)
+        u = tangent[i + 1] - t
+        uu = u @ u
+        normal[i + 1] = n - (2 * u * (u @ n) / uu if uu > 1e-14 else 0.0)
+    return tangent, normal, np.cross(tangent, normal)
+
+
+def initial_tube(axis: np.ndarray, radius: float, grid: tuple[int, int], closed: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Tube and spine: circles of one radius, round ends when closed.
+
+    Args:
+        axis: rough axis in the world, shape (n, 3).
+        radius: [world units].
+        grid: nodes around, nodes along.
+        closed: ends shut to a point.
+
+    Returns:
+        tube (N_x, N_s, 3), spine (N_s, 3).
+    """
+    nx, ns = grid
+    spine = axis_curve(axis, ns)
+    _, normal, binormal = frames(spine)
+    angle = 2 * np.pi * np.arange(nx) / nx
+    circle = np.cos(angle)[:, None, None] * normal + np.sin(angle)[:, None, None] * binormal
+    r = np.full(ns, radius)
+    if closed:
+        length = np.linalg.norm(np.diff(axis, axis=0), axis=1).sum()
+        reach = np.minimum(np.linspace(0, length, ns), np.linspace(length, 0, ns))
+        cap = min(radius, 0.25 * length)
+        r = radius * np.sqrt(np.clip(1 - np.clip(1 - reach / cap, 0, 1) ** 2, 0, 1))
+        r[[0, -1]] = 0.0
+    return spine + r[:, None] * circle, spine

@@ -1,0 +1,105 @@
+"""Flat arrays of all tubes: what stays (`Model`) and what moves (`State`)."""
+
+from __future__ import annotations
+
+import numpy as np
+import warp as wp
+
+from ..kernels import image, projection
+from .camera import Camera
+
+SPINE_TO_RING, REACTION, SYMMETRY, EXPAND, BALANCE, UPRIGHT, SPREAD = range(7)
+"""Columns of `Model.coupling`."""
+
+
+class Model:
+    """Grids, weights and cameras of a scene: all tubes in flat arrays, rings contiguous, ring after ring.
+
+    Positions are in units of the initial spine length of each tube, so that weights are free of units.
+
+    Attributes (N nodes, R rings, K tubes, V views):
+        node_ring: ring of each node, shape (N,).
+        ring_tube, ring_node, ring_s, ring_closed: tube, first node, index along, closed end or not, shape (R,).
+        tube_nx, tube_ns, tube_node, tube_ring: grid and first node and ring of each tube, shape (K,).
+        w10, w20, w11, w01, w02: weights of (3), shape (N,); w01 belongs to the edge to the next ring, w10 to the next node.
+        w1, w2: weights of (2), shape (R,).
+        coupling: columns a, reaction, b, c, balance, d, spread, shape (R, 7).
+        eyes: cameras in each tube's units, shape (V,) (see `set_cameras`).
+        fields: potential of each tube in each view, shape (K, V).
+        samples: all potentials' samples, (pull column, pull row, pressure) [px].
+    """
+
+    def __init__(self, grids: list[tuple[int, int]], closed: list[bool], views: int, samples: int, device: str):
+        self.device = device
+        self.grids = grids
+        nodes = [nx * ns for nx, ns in grids]
+        self.node_start = np.concatenate([[0], np.cumsum(nodes)])
+        self.ring_start = np.concatenate([[0], np.cumsum([ns for _, ns in grids])])
+        self.nodes, self.rings, self.tubes, self.views = int(sum(nodes)), int(self.ring_start[-1]), len(grids), views
+        ring_tube = np.repeat(np.arange(self.tubes), [ns for _, ns in grids])
+        ring_s = np.concatenate([np.arange(ns) for _, ns in grids])
+        ring_node = np.concatenate([b + nx * np.arange(ns) for b, (nx, ns) in zip(self.node_start, grids, strict=False)])
+        ns_of = np.array([ns for _, ns in grids])[ring_tube]
+        ring_closed = np.array(closed)[ring_tube] & ((ring_s == 0) | (ring_s == ns_of - 1))
+        self.host_ring_tube, self.host_ring_closed = ring_tube, ring_closed
+        line_tube = np.concatenate([np.full(nx + 4, k) for k, (nx, _) in enumerate(grids)])
+        line_x = np.concatenate([np.concatenate([np.arange(nx), [-1, -2, -3, -4]]) for nx, _ in grids])
+
+        def ints(a: np.ndarray) -> wp.array:
+            return wp.array(np.ascontiguousarray(a, np.int32), dtype=int, device=device)
+
+        self.node_ring = ints(np.repeat(np.arange(self.rings), np.array([nx for nx, _ in grids])[ring_tube]))
+        self.ring_tube, self.ring_node, self.ring_s = ints(ring_tube), ints(ring_node), ints(ring_s)
+        self.ring_closed = ints(ring_closed)
+        self.tube_nx, self.tube_ns = ints(np.array([g[0] for g in grids])), ints(np.array([g[1] for g in grids]))
+        self.tube_node, self.tube_ring = ints(self.node_start[:-1]), ints(self.ring_start[:-1])
+        self.line_tube, self.line_x, self.lines = ints(line_tube), ints(line_x), len(line_x)
+        for name in ("w10", "w20", "w11", "w01", "w02"):
+            setattr(self, name, wp.zeros(self.nodes, dtype=float, device=device))
+        self.w1, self.w2 = (wp.zeros(self.rings, dtype=float, device=device) for _ in range(2))
+        self.coupling = wp.zeros((self.rings, 7), dtype=float, device=device)
+        self.eyes = wp.zeros(views, dtype=projection.Eye, device=device)
+        self.fields = wp.zeros((self.tubes, views), dtype=image.Field, device=device)
+        self.samples = wp.zeros(samples, dtype=wp.vec3, device=device)
+
+    def nodes_of(self, k: int) -> slice:
+        """Nodes of tube k in the flat arrays."""
+        return slice(int(self.node_start[k]), int(self.node_start[k + 1]))
+
+    def rings_of(self, k: int) -> slice:
+        """Rings (spine nodes) of tube k in the flat arrays."""
+        return slice(int(self.ring_start[k]), int(self.ring_start[k + 1]))
+
+    def set_cameras(self, cameras: list[Camera]) -> None:
+        """Sets `eyes`; the matrices take points in the model's own units."""
+        eyes = []
+        for camera in cameras:
+            m = camera.matrix
+            eye = projection.Eye()
+            eye.row0, eye.row1, eye.row2 = (wp.vec4(*map(float, row)) for row in m)
+            eye.affine = int(camera.affine)
+            if camera.affine:
+                eye.axis = wp.vec3(*map(float, camera.sight(np.zeros(3))))
+            else:
+                eye.centre = wp.vec3(*map(float, -np.linalg.solve(m[:, :3], m[:, 3])))
+            eyes.append(eye)
+        self.eyes.assign(wp.array(eyes, dtype=projection.Eye, device="cpu").numpy())
+
+
+class State:
+    """What moves: tube nodes (N,), spine nodes (R,) [initial spine lengths], and the arrays a step writes on the way."""
+
+    def __init__(self, model: Model):
+        def vectors(n: int) -> wp.array:
+            return wp.zeros(n, dtype=wp.vec3, device=model.device)
+
+        def scalars(n: int) -> wp.array:
+            return wp.zeros(n, dtype=float, device=model.device)
+
+        self.tube, self.spine = vectors(model.nodes), vectors(model.rings)
+        self.force, self.spine_force = vectors(model.nodes), vectors(model.rings)
+        self.normal, self.facing = vectors(model.nodes), scalars(model.nodes)
+        self.centroid, self.tangent = vectors(model.rings), vectors(model.rings)
+        self.radius, self.gap = scalars(model.rings), scalars(model.rings)
+        self.delta, self.low = vectors(model.nodes), vectors(4 * model.rings)
+        self.residual = scalars(model.rings)

@@ -1,0 +1,134 @@
+"""Images to scale space: the samples that the image force (11) looks up, one field a tube, view and sigma."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from .camera import Camera
+from .foreground import Foreground, colours, resample
+from .problem import Settings, View
+
+WIDE = 64.0
+"""Most samples for an object's half width: finer images are sampled down, so that work does not grow with them."""
+FLOOR = 0.1
+"""Share of the strongest edge below which an edge pulls less and less."""
+RANGE = 3.0
+"""Longest pull, in sigmas."""
+COARSEST, FALL, FINEST, FINEST_PX = 0.4, 0.5, 0.03, 1.2
+"""First sigma, ratio of one to the next, last sigma: in half widths of the object, the last not below FINEST_PX samples."""
+
+
+@dataclass(frozen=True)
+class PotentialPicture:
+    """A potential (11) as in the paper's figure 8."""
+
+    sigma: float
+    """[image px]."""
+    image: np.ndarray
+    """shape (h, w), magnitude of the gradient or, at scales led by the map, its smoothed gradient."""
+    extent: tuple[float, float, float, float]
+    """image points (column, row) of first and last sample: x0, y0, x1, y1."""
+
+
+@dataclass(frozen=True)
+class Potential:
+    """One tube's potential in one view at one sigma, ready for the kernels."""
+
+    sigma: float
+    """[image px]."""
+    samples: np.ndarray
+    """shape (h, w, 3): pull (column, row) and pressure, in image px; the plain gradient of (11) for force "paper"."""
+    magnitude: np.ndarray
+    """shape (h, w), P of (11)."""
+    step: float
+    origin: tuple[float, float]
+
+    @property
+    def picture(self) -> PotentialPicture:
+        """For display."""
+        h, w = self.magnitude.shape
+        x, y = self.origin
+        return PotentialPicture(self.sigma, self.magnitude, (x, y, x + (w - 1) * self.step, y + (h - 1) * self.step))
+
+
+def sigma_list(half_width: float, step: float, given: tuple[float, ...] | None) -> list[float]:
+    """Falling sigmas [image px] for an object of a half width [image px] sampled at `step`."""
+    if given is not None:
+        return list(given)
+    last = max(FINEST * half_width, FINEST_PX * step)
+    sigma, out = COARSEST * half_width, []
+    while sigma > 1.4 * last:
+        out.append(sigma)
+        sigma *= FALL
+    return [*out, last]
+
+
+class ScaleSpace:
+    """The image round one tube in one view, and its potentials at any sigma."""
+
+    def __init__(self, view: View, camera: Camera, map_: Foreground, settings: Settings):
+        self.settings, self.map = settings, map_
+        self.step = max(1.0, map_.half_width / WIDE)
+        h, w = map_.inside.shape
+        extent = (np.array([w, h]) - 1) * map_.step
+        self.origin = np.array(map_.origin)
+        self.shape = tuple(int(v) for v in np.floor(extent / self.step)[::-1] + 1)
+        self.image = resample(colours(view.image), self.origin, self.step, self.shape)
+        if settings.potential == "brightness":
+            self.image = self.image[..., :1]
+        self.inside = self._map_at_step()
+        self.known = None
+        if view.ignore is not None:
+            self.known = resample((~view.ignore).astype(np.float32), self.origin, self.step, self.shape)
+
+    def _map_at_step(self) -> np.ndarray:
+        ratio = self.step / self.map.step
+        rows, cols = (np.arange(n) * ratio for n in self.shape)
+        grid = np.meshgrid(rows, cols, indexing="ij")
+        return ndimage.map_coordinates(self.map.inside, grid, order=1, mode="nearest").astype(np.float32)
+
+    def _smooth(self, values: np.ndarray, sigma: float) -> np.ndarray:
+        axes = (sigma, sigma) + (0,) * (values.ndim - 2)
+        return ndimage.gaussian_filter(values, axes, mode="nearest", truncate=3.0)
+
+    def _edges(self, sigma: float) -> np.ndarray:
+        """|grad G*I| over all channels [1/sample], sigma in samples."""
+        rows, cols = np.gradient(self._smooth(self.image, sigma), axis=(0, 1))
+        p = np.sqrt((rows**2 + cols**2).sum(-1))
+        return p if self.known is None else p * self.known
+
+    def at(self, sigma: float) -> Potential:
+        """The potential at a sigma [image px].
+
+        Normalised: the pull is sigma^2 grad P / (P + floor), which for a smoothed step edge is the way to it in px
+        whatever its contrast; with the map, P is gated by the map's outline, and what edges leave unsaid the map says
+        by a pressure outward inside the object and inward outside it.
+        """
+        s = sigma / self.step
+        p = self._edges(s)
+        pressure = np.zeros_like(p)
+        if self.settings.potential == "map":
+            smooth = self._smooth(self.inside, s)
+            p = p * np.exp(-0.5 * ((smooth - 0.5) / 0.25) ** 2)
+        rows, cols = np.gradient(p)
+        if self.settings.force == "paper":
+            # per image px, as (11) says; P as it is
+            samples = np.stack([cols, rows, np.zeros_like(p)], axis=-1) / self.step**2
+            return self._potential(sigma, samples, p)
+        floor = FLOOR * float(p.max()) + 1e-12
+        pull = np.stack([cols, rows], axis=-1) * (s**2 / (p + floor))[..., None]
+        length = np.linalg.norm(pull, axis=-1, keepdims=True)
+        pull *= np.minimum(1.0, RANGE * s / np.maximum(length, 1e-12))
+        if self.settings.potential == "map":
+            # an outline smoothed by sigma has slope 1 / (sigma sqrt(2 pi)): a unit spring at the edge
+            push = np.sqrt(np.pi / 2) * s * (2 * smooth - 1)
+            unsaid = floor / (p + floor) if s * self.step < 0.25 * self.map.half_width else np.ones_like(p)
+            pull *= (1 - unsaid)[..., None] if unsaid.min() == 1 else 1.0
+            pressure = unsaid * push
+        return self._potential(sigma, np.concatenate([pull, pressure[..., None]], axis=-1) * self.step, p)
+
+    def _potential(self, sigma: float, samples: np.ndarray, p: np.ndarray) -> Potential:
+        return Potential(sigma, samples.astype(np.float32), p, self.step, (float(self.origin[0]), float(self.origin[1])))

@@ -1,0 +1,68 @@
+"""What is to be solved: views, tubes and the solver's settings; plain data that `reconstruct` takes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .camera import Camera
+from .material import Material
+
+
+@dataclass(frozen=True)
+class View:
+    """One image and its camera."""
+
+    image: np.ndarray
+    """shape (H, W) or (H, W, 3), float32 in [0, 1]."""
+    camera: Camera = field(default_factory=Camera.orthographic)
+    name: str = "front"
+    ignore: np.ndarray | None = None
+    """shape (H, W), bool: True where the image must not be looked at (`view.ignore`)."""
+
+
+@dataclass(frozen=True)
+class Tube:
+    """One object: a rough axis and what its tube is made of."""
+
+    spine: np.ndarray
+    """rough axis, shape (n, 2) image points (column, row) of the first view, or (n, 3) world points."""
+    name: str = "object"
+    radius: float | None = None
+    """of the initial tube [world units]; None: from the image."""
+    depth: float = 0.0
+    """of a spine given in the image, along the first view's axis [world units]; larger is further away."""
+    grid: tuple[int, int] = (25, 25)
+    """nodes around, nodes along."""
+    material: Material = field(default_factory=Material)
+    not_here: np.ndarray | None = None
+    """marks by the user that the object is not here, shape (k, 2), image points (column, row)."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How to solve; defaults serve every scene."""
+
+    scheme: str = "adi"
+    """"adi", "jacobi" or "euler"."""
+    potential: str = "map"
+    """"map": foreground map and the image's own edges; "brightness": the paper's (11)."""
+    contour: str = "subnode"
+    """"subnode" or the paper's "switch" (12)."""
+    force: str = "normalised"
+    """"normalised" or "paper": the plain gradient of (11) times `gain`."""
+    sigmas: tuple[float, ...] | None = None
+    """falling smoothing scales [px of the first view]; None: from the object's half width."""
+    iterations: int = 2000
+    """most iterations in all."""
+    tolerance: float = 2e-5
+    """residual force at which a stage is at rest [initial spine lengths]."""
+    tau: float = 0.05
+    """threshold of (12), used by "switch"."""
+    gain: float = 1.0
+    """of the image force."""
+    step: float = 0.4
+    """time step dt."""
+    slow: float = 6.0
+    """factor of the step for a ring's slow modes (acceleration); 1 is the plain scheme."""

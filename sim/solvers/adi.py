@@ -1,0 +1,109 @@
+"""Alternating directions (section 5): (1 + dt Kx)(1 + dt Ks) D = dt R, factored pentadiagonal lines."""
+
+from __future__ import annotations
+
+import numpy as np
+import warp as wp
+
+from ...kernels import integrate
+from ..model import SPINE_TO_RING, SPREAD, SYMMETRY, Model, State
+from .base import Solver, end_mass
+from .factor import cyclic_bands, factor_cyclic, factor_open, open_bands
+
+HELD = 1e6
+"""Diagonal of a node that must not move: a closed end in all modes but its mean."""
+
+
+class SolverADI(Solver):
+    """The paper's operator splitting; bears any step of the elastic forces, dt <= 1 of coupling and image forces."""
+
+    def __init__(self, model: Model, dt: float, slow: float):
+        n, r = model.nodes, model.rings
+        device = model.device
+
+        def zeros(shape: int, dtype: type = float) -> wp.array:
+            return wp.zeros(shape, dtype=dtype, device=device)
+
+        self.x_factor = {k: zeros(n) for k in ("lower1", "lower2", "inverse")}
+        self.x_factor |= {"border": zeros(n, wp.vec2), "corner": zeros(r, wp.vec3)}
+        self.x_edge = wp.zeros((r, 6), dtype=float, device=device)
+        self.s_factor = [zeros(n) for _ in range(3)]
+        self.low_factor = [zeros(4 * r) for _ in range(3)]
+        super().__init__(model, dt, slow)
+
+    def material_changed(self) -> None:
+        super().material_changed()
+        m = self.model
+        host = {k: getattr(m, k).numpy().astype(float) for k in ("w10", "w20", "w01", "w02", "w1", "w2")}
+        coupling = m.coupling.numpy().astype(float)
+        x = {k: np.zeros((m.nodes, *v.shape[1:])) for k, v in self._empty_x().items()}
+        corner, edge = np.zeros((m.rings, 3)), np.zeros((m.rings, 6))
+        s = np.zeros((3, m.nodes))
+        low = np.zeros((3, 4, m.rings))
+        for k, (nx, ns) in enumerate(m.grids):
+            nodes, rings = m.nodes_of(k), m.rings_of(k)
+            closed = bool(m.host_ring_closed[rings][0])
+            grid = {key: host[key][nodes].reshape(ns, nx) for key in ("w10", "w20", "w01", "w02")}
+            # rings: symmetry (8) acts on what a ring has beyond its slow modes, so it is taken implicitly too
+            diagonal, first, second = cyclic_bands(grid["w10"], grid["w20"], 1 / nx)
+            b = coupling[rings, SYMMETRY][:, None]
+            factors = factor_cyclic(1 + self.dt * (diagonal + b), self.dt * first, self.dt * second)
+            for key in x:
+                x[key][nodes] = factors[key].reshape(nx * ns, *factors[key].shape[2:])
+            corner[rings], edge[rings] = factors["corner"], factors["edge"]
+            s[:, nodes] = np.moveaxis(self._along(grid["w01"].T, grid["w02"].T, self.dt, closed), 2, 1).reshape(3, -1)
+            # even spacing acts on slow modes alone
+            tension, rigidity = (grid["w01"].mean(1) + coupling[rings, SPREAD])[None], grid["w02"].mean(1)[None]
+            low[:, 0, rings] = self._along(tension, rigidity, self.slow_dt, False)[:, 0]
+            low[:, 1:3, rings] = self._along(tension, rigidity, self.slow_dt, closed)
+            a = coupling[rings, SPINE_TO_RING]
+            spine = self._along(host["w1"][rings][None], host["w2"][rings][None], self.dt, False, extra=a)
+            low[:, 3, rings] = spine[:, 0]
+        for key in x:
+            self.x_factor[key].assign(x[key].astype(np.float32))
+        self.x_factor["corner"].assign(corner.astype(np.float32))
+        self.x_edge.assign(edge.astype(np.float32))
+        for array, value in zip(self.s_factor, s, strict=True):
+            array.assign(value.astype(np.float32))
+        for array, value in zip(self.low_factor, low.reshape(3, -1), strict=True):
+            array.assign(value.astype(np.float32))
+
+    @staticmethod
+    def _empty_x() -> dict[str, np.ndarray]:
+        return {"lower1": np.zeros(0), "lower2": np.zeros(0), "inverse": np.zeros(0), "border": np.zeros((0, 2))}
+
+    @staticmethod
+    def _along(
+        tension: np.ndarray, rigidity: np.ndarray, dt: float, held: bool, extra: np.ndarray | float = 0.0
+    ) -> np.ndarray:
+        """Factors of mass + dt Ks for lines along s, shape (3, lines, ns)."""
+        ns = tension.shape[1]
+        diagonal, first, second = open_bands(tension, rigidity, 1 / (ns - 1))
+        mass = end_mass(ns)
+        diagonal = mass * (1 + dt * extra) + dt * diagonal
+        if held:
+            diagonal[:, [0, -1]] += HELD
+        return np.stack(factor_open(diagonal, dt * first, dt * second))
+
+    def solve_lines(self, state: State) -> None:
+        m, s, x = self.model, state, self.x_factor
+        wp.launch(
+            integrate.sweep_rings,
+            m.rings,
+            inputs=[
+                m.ring_tube, m.ring_node, m.tube_nx, m.ring_closed,
+                x["lower1"], x["lower2"], x["inverse"], x["border"], x["corner"], self.x_edge,
+            ],
+            outputs=[s.delta],
+            device=m.device,
+        )  # fmt: skip
+        wp.launch(
+            integrate.sweep_meridians,
+            m.lines,
+            inputs=[
+                m.line_tube, m.line_x, m.tube_nx, m.tube_ns, m.tube_node, m.tube_ring,
+                *self.s_factor, *self.low_factor, m.rings,
+            ],
+            outputs=[s.delta, s.low],
+            device=m.device,
+        )  # fmt: skip

@@ -1,0 +1,72 @@
+"""What every scheme shares: steps of each tube, slow modes apart, the update."""
+
+from __future__ import annotations
+
+import numpy as np
+import warp as wp
+
+from ...kernels import integrate
+from ..model import Model, State
+
+
+class Solver:
+    """First-order integration of (10), mu = 0 and gamma = 1: T += P^-1 R with a scheme's own P.
+
+    Equilibrium is R = 0 whatever P. The modes k = 0, +-1 of each ring (place, radius, tilt), which the
+    image reaches through two nodes only, take a step `slow` times as long.
+    """
+
+    def __init__(self, model: Model, dt: float, slow: float):
+        self.model, self.dt, self.slow_dt = model, dt, dt * slow
+        self.step_size = wp.array(
+            np.tile(np.array([dt, dt * slow], np.float32), (model.tubes, 1)), dtype=float, device=model.device
+        )
+        self.first_mode = wp.zeros(model.rings, dtype=float, device=model.device)
+        self.material_changed()
+
+    def material_changed(self) -> None:
+        """Makes the factors again; to be called after weights of the model changed."""
+        stiffness = np.zeros(self.model.rings)
+        w10, w20 = self.model.w10.numpy(), self.model.w20.numpy()
+        node_ring = self.model.node_ring.numpy()
+        count = np.bincount(node_ring, minlength=self.model.rings)
+        for k, (nx, _) in enumerate(self.model.grids):
+            lap = (2 * np.sin(np.pi / nx) * nx) ** 2
+            for w, factor in ((w10, lap), (w20, lap**2)):
+                mean = np.bincount(node_ring, w, self.model.rings) / count
+                rows = self.model.rings_of(k)
+                stiffness[rows] += factor * mean[rows]
+        self.first_mode.assign(stiffness.astype(np.float32))
+
+    def solve_lines(self, state: State) -> None:
+        """Turns dt R in `state.delta` and `state.low` into the step, in place."""
+        raise NotImplementedError
+
+    def step(self, state: State) -> None:
+        """One step from the forces in `state`: launches only, so it can be captured."""
+        m, s = self.model, state
+        wp.launch(
+            integrate.split_modes,
+            m.rings,
+            inputs=[
+                m.ring_tube, m.ring_node, m.tube_nx, m.ring_closed, self.first_mode, self.step_size,
+                s.force, s.spine_force, m.rings,
+            ],
+            outputs=[s.delta, s.low, s.residual],
+            device=m.device,
+        )  # fmt: skip
+        self.solve_lines(state)
+        wp.launch(
+            integrate.advance,
+            m.nodes,
+            inputs=[m.node_ring, m.ring_tube, m.ring_node, m.tube_nx, s.delta, s.low, m.rings],
+            outputs=[s.tube, s.spine],
+            device=m.device,
+        )
+
+
+def end_mass(ns: int) -> np.ndarray:
+    """Share of a cell that belongs to each ring, shape (ns,): half at the ends."""
+    m = np.ones(ns)
+    m[0] = m[-1] = 0.5
+    return m

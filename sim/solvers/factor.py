@@ -1,0 +1,127 @@
+"""Pentadiagonal factors, made on the host in float64 and kept in float32 (section 5: only when material changes)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def factor_open(diagonal: np.ndarray, first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """L D L^T of m symmetric pentadiagonal lines.
+
+    Args:
+        diagonal: shape (m, n).
+        first: shape (m, n), entry k couples k and k + 1; the last is unused.
+        second: shape (m, n), entry k couples k and k + 2; the last two are unused.
+
+    Returns:
+        lower1, lower2, inverse: shape (m, n); entry k belongs to row k of L and to 1 / D.
+
+    Raises:
+        ValueError: a line is not positive definite.
+    """
+    m, n = diagonal.shape
+    lower1, lower2, d = np.zeros((m, n)), np.zeros((m, n)), np.zeros((m, n))
+    for k in range(n):
+        d[:, k] = diagonal[:, k]
+        if k > 1:
+            lower2[:, k] = second[:, k - 2] / d[:, k - 2]
+            d[:, k] -= lower2[:, k] ** 2 * d[:, k - 2]
+        if k > 0:
+            e = first[:, k - 1]
+            if k > 1:
+                e = e - lower2[:, k] * lower1[:, k - 1] * d[:, k - 2]
+            lower1[:, k] = e / d[:, k - 1]
+            d[:, k] -= lower1[:, k] ** 2 * d[:, k - 1]
+        if not np.all(d[:, k] > 0):
+            raise ValueError("a line's matrix is not positive definite: weights must not be negative")
+    return lower1, lower2, 1 / d
+
+
+def solve_open(factors: tuple[np.ndarray, np.ndarray, np.ndarray], rhs: np.ndarray) -> np.ndarray:
+    """Solves with `factor_open`'s factors, rhs of shape (m, n); float64, used to make the border of cyclic lines."""
+    lower1, lower2, inverse = factors
+    x = rhs.copy()
+    n = x.shape[1]
+    for k in range(n):
+        if k > 0:
+            x[:, k] -= lower1[:, k] * x[:, k - 1]
+        if k > 1:
+            x[:, k] -= lower2[:, k] * x[:, k - 2]
+    x *= inverse
+    for k in range(n - 2, -1, -1):
+        x[:, k] -= lower1[:, k + 1] * x[:, k + 1]
+        if k < n - 2:
+            x[:, k] -= lower2[:, k + 2] * x[:, k + 2]
+    return x
+
+
+def factor_cyclic(diagonal: np.ndarray, first: np.ndarray, second: np.ndarray) -> dict[str, np.ndarray]:
+    """Bordered factors of m cyclic pentadiagonal lines of n >= 6 unknowns, for `kernels.banded.solve_cyclic`.
+
+    Arguments as in `factor_open`, with every entry used (indices wrap).
+
+    Returns:
+        lower1, lower2, inverse (m, n; last two 0), border (m, n, 2), corner (m, 3), edge (m, 6).
+    """
+    m, n = diagonal.shape
+    k = n - 2
+    inner = factor_open(diagonal[:, :k], first[:, :k], second[:, :k])
+    edge = np.stack(
+        [second[:, k], first[:, n - 1], second[:, n - 1], second[:, k - 2], first[:, k - 1], second[:, k - 1]], axis=1
+    )
+    c = np.zeros((2, m, k))
+    c[0, :, 0], c[0, :, k - 2], c[0, :, k - 1] = edge[:, 0], edge[:, 3], edge[:, 4]
+    c[1, :, 0], c[1, :, 1], c[1, :, k - 1] = edge[:, 1], edge[:, 2], edge[:, 5]
+    w = np.stack([solve_open(inner, c[0]), solve_open(inner, c[1])])
+    s00 = diagonal[:, k] - np.sum(c[0] * w[0], axis=1)
+    s01 = first[:, k] - np.sum(c[0] * w[1], axis=1)
+    s11 = diagonal[:, k + 1] - np.sum(c[1] * w[1], axis=1)
+    det = s00 * s11 - s01**2
+    if not np.all(det > 0):
+        raise ValueError("a ring's matrix is not positive definite: weights must not be negative")
+    pad = ((0, 0), (0, 2))
+    border = np.moveaxis(np.pad(w, ((0, 0), *pad)), 0, 2)
+    return {
+        "lower1": np.pad(inner[0], pad),
+        "lower2": np.pad(inner[1], pad),
+        "inverse": np.pad(inner[2], pad),
+        # values that decayed into denormals cost time and carry nothing
+        "border": np.where(np.abs(border) < 1e-20, 0.0, border),
+        "corner": np.stack([s11 / det, -s01 / det, s00 / det], axis=1),
+        "edge": edge,
+    }
+
+
+def open_bands(tension: np.ndarray, rigidity: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Bands of the stiffness D1' w1 D1 / h^2 + D2' w2 D2 / h^4 of open lines with natural ends, (4).
+
+    Args:
+        tension: of the edge from k to k + 1, shape (m, n).
+        rigidity: of node k, shape (m, n).
+        h: spacing of the material coordinate.
+
+    Returns:
+        diagonal, first, second as `factor_open` takes them.
+    """
+    t = tension / h**2
+    w = rigidity / h**4
+    t[:, -1] = 0.0
+    w[:, 0] = w[:, -1] = 0.0
+    diagonal = t + 4 * w
+    diagonal[:, 1:] += t[:, :-1] + w[:, :-1]
+    diagonal[:, :-1] += w[:, 1:]
+    first = -t - 2 * w
+    first[:, :-1] -= 2 * w[:, 1:]
+    first[:, -1] = 0.0
+    second = np.zeros_like(t)
+    second[:, :-2] = w[:, 1:-1]
+    return diagonal, first, second
+
+
+def cyclic_bands(tension: np.ndarray, rigidity: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Bands of the same stiffness on periodic lines (6), every entry used."""
+    t = tension / h**2
+    w = rigidity / h**4
+    after = np.roll(w, -1, axis=1)
+    diagonal = t + np.roll(t, 1, axis=1) + 4 * w + np.roll(w, 1, axis=1) + after
+    return diagonal, -t - 2 * w - 2 * after, after

@@ -1,0 +1,183 @@
+"""The command line: `symseek run`, `symseek demo`, `symseek doctor`.
+
+Exit status 0 done, 2 the input is at fault, 1 anything else. Heavy imports wait until a command needs them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from . import __version__
+
+if TYPE_CHECKING:
+    from .pipeline import Result
+    from .sim.reconstruct import Progress
+
+DEMOS = Path(__file__).resolve().parent / "scenes"
+DEMO_DEFAULT = "squash"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command; returns the exit status."""
+    options = _parser().parse_args(arguments)
+    try:
+        if options.command == "doctor":
+            from .doctor import examine
+
+            return examine()
+        return _demo(options) if options.command == "demo" else _run(options, options.scene)
+    except KeyboardInterrupt:
+        print("\nsymseek: interrupted, nothing written", file=sys.stderr)
+        return 1
+    except BrokenPipeError:  # the reader of our output has gone
+        sys.stderr.close()
+        return 1
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="symseek",
+        description="From a photograph and a rough axis to a watertight, measured 3D model.",
+        epilog="Exit status: 0 done, 2 the input is at fault, 1 anything else.",
+    )
+    parser.add_argument("--version", action="version", version=f"symseek {__version__}")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    run = commands.add_parser("run", help="reconstruct a scene file", description="Reconstruct a scene file.")
+    run.add_argument("scene", metavar="SCENE", help="a TOML file, or a folder that holds scene.toml")
+    demo = commands.add_parser(
+        "demo", help="run a scene that ships with symseek", description="Run a scene that ships with symseek."
+    )
+    demo.add_argument("scene", metavar="NAME", nargs="?", default=DEMO_DEFAULT, help=f"default: {DEMO_DEFAULT}")
+    demo.add_argument("--list", action="store_true", help="list the scenes and stop")
+    for command in (run, demo):
+        command.add_argument("--out", metavar="DIR", type=Path, help="folder for the results (default: out/NAME)")
+        command.add_argument("--device", default="cpu", help="Warp device: cpu, cuda:0 (default: cpu)")
+        command.add_argument(
+            "--set",
+            metavar="KEY=VALUE",
+            action="append",
+            default=[],
+            help="change a key of the scene file, like solver.scheme=euler or object.0.grid=[49,49]; may be repeated",
+        )
+        command.add_argument("--quiet", action="store_true", help="print nothing but errors")
+        command.add_argument("--no-video", action="store_true", help="leave the video out")
+    commands.add_parser(
+        "doctor", help="what this machine has and lacks", description="Say what this machine has and lacks."
+    )
+    return parser
+
+
+def demos() -> dict[str, Path]:
+    """Scene files that ship with the package, by name."""
+    return {path.parent.name: path for path in sorted(DEMOS.glob("*/scene.toml"))}
+
+
+def _demo(options: argparse.Namespace) -> int:
+    known = demos()
+    if options.list:
+        for name, path in known.items():
+            print(f"{name:12} {_about(path)}")
+        return 0
+    if options.scene not in known:
+        print(f"symseek: there is no demo {options.scene!r}; choose one of {', '.join(known)}", file=sys.stderr)
+        return 2
+    return _run(options, str(known[options.scene]))
+
+
+def _about(path: Path) -> str:
+    """The first comment of a scene file."""
+    first = path.read_text(encoding="utf-8").split("\n", 1)[0]
+    return first.lstrip("# ").strip() if first.startswith("#") else ""
+
+
+def _run(options: argparse.Namespace, scene: str) -> int:
+    # a plain kill cleans up as ^C does
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    overrides = options.set + (["output.video=false"] if options.no_video else [])
+    show = Show(options.quiet)
+    show.line(f"symseek {__version__}: {scene}")
+    from .checks import SceneError
+    from .pipeline import run
+
+    try:
+        result = run(scene, options.out, options.device, overrides=overrides, callback=show.progress, tell=show.line)
+    except SceneError as problem:
+        show.end()
+        print(f"symseek: {problem}", file=sys.stderr)
+        return 2
+    except (OSError, MemoryError, RuntimeError) as problem:  # the machine; anything else is a fault of ours and is shown whole
+        show.end()
+        print(f"symseek: {type(problem).__name__}: {problem}; see `symseek doctor`", file=sys.stderr)
+        return 1
+    show.end()
+    if not options.quiet:
+        print(summary(result))
+    return 0
+
+
+class Show:
+    """Progress: one moving line on a terminal, a plain line for each stage elsewhere."""
+
+    def __init__(self, quiet: bool):
+        self.quiet = quiet
+        self.terminal = sys.stdout.isatty()
+        self.stage: object = None
+        self.last = 0.0
+        self.open = False
+
+    def progress(self, p: Progress) -> None:
+        if self.quiet:
+            return
+        text = f"stage {p.stage}, sigma {p.sigma:.1f} px: iteration {p.iteration}, residual {p.residual:.1e}"
+        now = time.monotonic()
+        if self.terminal and now - self.last > 0.05:
+            self.last, self.open = now, True
+            filled = round(20 * min(1.0, p.iteration / max(p.total, 1)))
+            print(f"\r[{'#' * filled}{'-' * (20 - filled)}] {text}\x1b[K", end="", flush=True)
+        elif not self.terminal and p.stage != self.stage:
+            self.stage = p.stage
+            print(text, flush=True)
+
+    def line(self, text: str) -> None:
+        self.end()
+        if not self.quiet:
+            print(text, flush=True)
+
+    def end(self) -> None:
+        """Leave the moving line."""
+        if self.open:
+            print()
+            self.open = False
+
+
+def summary(result: Result) -> str:
+    """Measures, times, warnings and files of a run, as text for a terminal."""
+    unit = result.scene.units
+    rows = [
+        ["object", f"length [{unit}]", f"max radius [{unit}]", f"area [{unit}^2]", f"volume [{unit}^3]", "asymmetry"]
+        + ["contour [px]", "supported", "iterations"]
+    ]
+    for o in result.objects:
+        m = o.measures
+        rows.append(
+            [o.name, f"{m['length']:.4g}", f"{max(m['radius']):.4g}", f"{m['area']:.5g}", f"{m['volume']:.5g}"]
+            + [f"{m['asymmetry']:.3f}", f"{m['contour_residual_px']['mean']:.2f}", f"{m['supported_share']:.0%}"]
+            + [f"{o.iterations}" + ("" if o.converged else " (not at rest)")]
+        )
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    lines = ["", *("  ".join(cell.rjust(w) for cell, w in zip(row, widths, strict=True)) for row in rows), ""]
+    lines.append("seconds: " + ", ".join(f"{phase} {s:.2f}" for phase, s in result.seconds.items()))
+    for o in result.objects:
+        if not o.trusted:
+            lines += ["", f"*** DO NOT TRUST {o.name!r} ***"]
+        lines += [f"    {o.name}: {warning}" for warning in o.warnings]
+    if result.files:
+        folder = result.files[0].parent
+        lines += ["", f"written to {folder}: {', '.join(f.name for f in result.files)}"]
+    return "\n".join(lines)

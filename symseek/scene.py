@@ -1,0 +1,383 @@
+"""The scene file: read, checked and turned into the views and tubes that sim works on."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from . import images
+from .checks import Bounds, SceneError, Table, shown, suggest
+from .override import apply
+from .sim.camera import Camera
+from .sim.material import Material
+from .sim.problem import Settings, Tube, View
+
+METRES = {"px": 1e-3, "um": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "km": 1e3, "in": 0.0254, "ft": 0.3048}
+"""Units of the world in metres, in which GLB is written; there a pixel counts as a millimetre."""
+
+GRID_MIN, GRID_MAX = (8, 6), 512  # around, along
+SPINE_MIN = 10.0  # px, the whole
+STEP_MIN = 0.1  # px, between any two points
+
+# closed bounds of numbers, or the words allowed; what is not named here is bounded by its annotation alone
+SETTINGS_BOUNDS: Bounds = {
+    "scheme": ("adi", "jacobi", "euler"),
+    "potential": ("map", "brightness"),
+    "contour": ("subnode", "switch"),
+    "force": ("normalised", "paper"),
+    "sigmas": (0.1, 200.0),
+    "iterations": (1, 1_000_000),
+    "tolerance": (0.0, 1.0),
+    "tau": (1e-4, 1.0),
+    "gain": (0.0, 1e6),
+    "step": (1e-6, 10.0),
+    "slow": (1.0, 1000.0),
+}
+MATERIAL_BOUNDS: Bounds = {f.name: (0.0, 1e6) for f in fields(Material) if f.name not in ("c", "closed")}
+
+TOP_KEYS = ["name", "units", "scale", "view", "object", "solver", "output"]
+VIEW_KEYS = ["name", "image", "frames", "projection", "alpha", "K", "R", "t", "P", "ignore"]
+OBJECT_KEYS = ["name", "spine", "radius", "depth", "grid", "material", "not_here"]
+PROJECTION_KEYS = {"orthographic": [], "stereo": ["alpha"], "perspective": ["K", "R", "t"], "matrix": ["P"]}
+
+
+@dataclass(frozen=True)
+class Output:
+    """Which files a run writes; result.json always."""
+
+    overlay: bool = True
+    """overlay.png."""
+    views: bool = True
+    """views.png."""
+    video: bool = True
+    """reconstruction.mp4."""
+    meshes: bool = True
+    """OBJECT.ply, OBJECT.glb and OBJECT.npz."""
+    potentials: bool = True
+    """potentials.png and foreground.png."""
+    video_fps: int = 30
+    """frames a second."""
+
+
+@dataclass
+class Scene:
+    """Everything a run needs, checked."""
+
+    name: str
+    views: list[View]
+    tubes: list[Tube]
+    settings: Settings
+    units: str = "px"
+    """of the world, a key of METRES."""
+    scale: float = 1.0
+    """world units per pixel of an orthographic or stereo view."""
+    output: Output = field(default_factory=Output)
+    source: str = ""
+    """the file it came from."""
+    text: dict[str, Any] = field(default_factory=dict)
+    """the tables as read, overrides included."""
+
+
+def load(path: str | Path, overrides: Iterable[str] = ()) -> Scene:
+    """Read and check a scene file.
+
+    Args:
+        path: a TOML file, or a folder that holds scene.toml.
+        overrides: texts KEY=VALUE as of `symseek run --set`: a dotted key and a TOML value,
+            "solver.scheme=euler", "object.0.grid=[49, 49]"; "object.grid" means all objects,
+            "object.squash.grid" the one of that name.
+
+    Returns:
+        the scene, with images read and lengths in world units.
+
+    Raises:
+        SceneError: anything unknown, missing or wrong; the message names file, field, value and remedy.
+    """
+    path = Path(path)
+    if path.is_dir() and (path / "scene.toml").is_file():
+        path /= "scene.toml"
+    source = str(path)
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        near = suggest(path.name, [p.name for p in path.parent.iterdir()]) if path.parent.is_dir() else ""
+        raise SceneError(
+            source, "", "there is no such scene file", f"give the path of a TOML file{near}"
+        ) from None
+    except UnicodeDecodeError:
+        raise SceneError(
+            source,
+            "",
+            "is no text, so no scene file",
+            "write a scene file that names the photograph as view.image",
+        ) from None
+    except tomllib.TOMLDecodeError as problem:
+        raise SceneError(source, "", f"is no valid TOML: {problem}", "mend that line") from None
+    except OSError as problem:
+        raise SceneError(
+            source, "", f"cannot be read ({problem.strerror})", "give the path of a scene file"
+        ) from None
+    for override in overrides:
+        apply(data, override, source)
+    name = path.parent.name if path.stem == "scene" and path.parent.name else path.stem
+    return build(data, path.parent, source, name)
+
+
+def build(data: Mapping[str, Any], base: Path, source: str, name: str = "object") -> Scene:
+    """Check the tables of a scene; images, Material and Settings may be objects already.
+
+    Args:
+        data: tables as in a scene file.
+        base: folder that image paths are relative to.
+        source: what messages call the scene.
+        name: of the scene where it has none.
+
+    Raises:
+        SceneError: as `load`.
+    """
+    top = Table(data, source, "", TOP_KEYS)
+    units = top.text("units", "px", choices=METRES)
+    tables = top.tables("view", VIEW_KEYS, 'add a [[view]] with image = "photo.jpg"')
+    if len(tables) > 1:
+        top.fail(
+            "view", f"there are {len(tables)} views", "this version reconstructs from one; keep the first"
+        )
+    scale = _scale(top, units, tables[0])
+    view = _view(tables[0], base, scale)
+    scene_name = top.name("name", name)
+    objects = top.tables(
+        "object",
+        OBJECT_KEYS,
+        "add an [[object]] with spine = [[x, y], [x, y], ...], its rough axis in pixels",
+    )
+    default_name = scene_name if len(objects) == 1 else None
+    tubes = [_tube(table, view, scale, default_name) for table in objects]
+    for table, twin in zip(objects[1:], range(len(tubes)), strict=False):
+        if tubes[twin + 1].name in [t.name for t in tubes[: twin + 1]]:
+            table.fail(
+                "name", f"{tubes[twin + 1].name!r} stands twice", "give every object a name of its own"
+            )
+    return Scene(
+        scene_name,
+        [view],
+        tubes,
+        top.fields("solver", Settings(), SETTINGS_BOUNDS),
+        units,
+        scale,
+        top.fields("output", Output(), {"video_fps": (1, 120)}),
+        source,
+        dict(data),
+    )
+
+
+def _scale(top: Table, units: str, view: Table) -> float:
+    projection = view.text("projection", "orthographic", choices=PROJECTION_KEYS)
+    if projection in ("perspective", "matrix"):
+        if "scale" in top:
+            top.fail(
+                "scale",
+                f"has no meaning beside a {projection} view",
+                "remove it: the camera fixes the world's scale",
+            )
+        return 1.0
+    if units != "px" and "scale" not in top:
+        top.fail(
+            "scale",
+            f"is missing, though units = {units!r}",
+            f"give the {units} that one pixel spans, or leave units at px",
+        )
+    scale = top.number("scale", 1.0, above=0.0)
+    if units == "px" and scale != 1.0:
+        top.fail(
+            "units",
+            f"is px, though scale = {scale:g}",
+            f"name the units that scale leads to: {', '.join(list(METRES)[1:])}",
+        )
+    return scale
+
+
+def _view(table: Table, base: Path, scale: float) -> View:
+    if "frames" in table:
+        table.fail(
+            "frames", "moving scenes are not in this version", 'give one photograph: image = "photo.jpg"'
+        )
+    camera = _camera(table, scale)
+    image = images.read(table, "image", base)
+    ignore = None
+    if "ignore" in table:
+        ignore = images.read(table, "ignore", base, mask=True) > 0.5
+        if ignore.shape != image.shape[:2]:
+            of_mask, of_image = (f"{s[1]} x {s[0]}" for s in (ignore.shape, image.shape))
+            table.fail(
+                "ignore",
+                f"the mask has {of_mask} pixels and the image {of_image}",
+                "give one of the image's size",
+            )
+        if ignore.all():
+            table.fail(
+                "ignore",
+                "the mask covers the whole image",
+                "white means: do not look here; leave the object black",
+            )
+    return View(name=table.name("name", "front"), image=image, camera=camera, ignore=ignore)
+
+
+def _camera(table: Table, scale: float) -> Camera:
+    projection = table.text("projection", "orthographic", choices=PROJECTION_KEYS)
+    for key in (k for keys in PROJECTION_KEYS.values() for k in keys):
+        if key in table and key not in PROJECTION_KEYS[projection]:
+            owner = next(p for p, keys in PROJECTION_KEYS.items() if key in keys)
+            table.fail(
+                key,
+                f"does not belong to a view that is {projection}",
+                f'write projection = "{owner}", or remove it',
+            )
+    why = f'projection = "{projection}" needs it'
+    if projection == "stereo":
+        return Camera.stereo(table.number("alpha", why=f"{why}: the paper's (15), signed"), scale)
+    if projection == "perspective":
+        K = table.array("K", (3, 3), "a 3 x 3 matrix", why=why)
+        R = table.array("R", (3, 3), "a 3 x 3 matrix", why=why)
+        t = table.array("t", (3,), "a vector", why=why)
+        if not np.allclose(K[2], [0, 0, 1]) or K[0, 0] <= 0 or K[1, 1] <= 0:
+            table.fail(
+                "K",
+                f"{shown(K)} is no camera matrix",
+                "it must be [[f, s, x0], [0, f, y0], [0, 0, 1]] with f above 0, in pixels",
+            )
+        if not np.allclose(R @ R.T, np.eye(3), atol=1e-4) or np.linalg.det(R) < 0:
+            table.fail(
+                "R",
+                f"{shown(R)} is no rotation",
+                "its rows must be unit vectors at right angles, its determinant +1",
+            )
+        return Camera.perspective(K, R, t)
+    if projection == "matrix":
+        P = table.array("P", (3, 4), "a 3 x 4 matrix", why=why)
+        if np.linalg.matrix_rank(P) < 3 or (np.allclose(P[2, :3], 0) and not np.isclose(P[2, 3], 1)):
+            table.fail(
+                "P",
+                f"{shown(P)} is no camera",
+                "it must have rank 3, and the last row 0 0 0 1 where it is affine",
+            )
+        return Camera(P)
+    return Camera.orthographic(scale)
+
+
+def _tube(table: Table, view: View, scale: float, default_name: str | None) -> Tube:
+    why = "several objects need a name each"
+    name = table.name("name", default_name, why) if default_name else table.name("name", why=why)
+    grid = table.take("grid", [25, 25])
+    whole = (
+        isinstance(grid, list | tuple)
+        and len(grid) == 2
+        and all(isinstance(n, int) and not isinstance(n, bool) for n in grid)
+    )
+    if not whole or not all(least <= n <= GRID_MAX for n, least in zip(grid, GRID_MIN, strict=True)):
+        table.fail(
+            "grid",
+            f"{shown(grid)} is out of bounds",
+            f"give [around, along], at least {list(GRID_MIN)} and at most {GRID_MAX} each",
+        )
+    radius = None
+    if table.take("radius", None) is not None:
+        widest = 0.5 * float(np.hypot(*view.image.shape[:2])) * scale if view.camera.affine else np.inf
+        radius = table.number("radius", above=0.0, most=widest)
+    spine = _spine(table, view)
+    depth = table.number("depth", 0.0)
+    if not view.camera.affine and spine.shape[1] == 2 and depth <= 0:
+        table.fail(
+            "depth",
+            f"{depth:g} is not in front of the perspective camera",
+            "give the object's distance along the view's axis",
+        )
+    not_here = np.zeros((0, 2))
+    if len(table.take("not_here", [])):
+        not_here = table.array("not_here", (None, 2), "a list of image points")
+        _inside(table, "not_here", not_here, view.image)
+    return Tube(
+        name=name, spine=spine, radius=radius, depth=depth, grid=(grid[0], grid[1]),
+        material=table.fields("material", Material(), MATERIAL_BOUNDS), not_here=not_here,
+    )  # fmt: skip
+
+
+def _inside(table: Table, key: str, points: np.ndarray, image: np.ndarray) -> None:
+    height, width = image.shape[:2]
+    size = np.array([width, height])
+    for i, point in enumerate(points):
+        if not np.all((point >= -0.5) & (point <= size - 0.5)):
+            at = f"[{point[0]:g}, {point[1]:g}]"
+            table.fail(
+                f"{key}[{i}]",
+                f"{at} lies outside the image of {width} x {height} pixels",
+                "points are [column, row]",
+            )
+
+
+def _spine(table: Table, view: View) -> np.ndarray:
+    """Shape (n, 2) image points, or (n, 3) world points; seen by the view and free of knots."""
+    value = table.take("spine", why="give the rough axis: spine = [[x, y], [x, y], ...], in pixels")
+    wide = 3 if isinstance(value, list | tuple | np.ndarray) and len(value) and np.size(value[0]) == 3 else 2
+    spine = table.array("spine", (None, wide), "a list of [x, y] or [x, y, z] points")
+    if len(spine) < 2:
+        table.fail(
+            "spine",
+            f"has {len(spine)} point{'s' * (len(spine) != 1)}",
+            "give at least two, from one end of the object to the other",
+        )
+    seen = spine
+    if wide == 3:
+        m = view.camera.matrix
+        if not view.camera.affine and np.any((spine @ m[2, :3] + m[2, 3]) * np.linalg.det(m[:, :3]) <= 0):
+            table.fail(
+                "spine",
+                f"{shown(spine)} lies behind the camera",
+                "world points in front of it have a positive depth",
+            )
+        seen = view.camera.project(spine)
+    _inside(table, "spine", seen, view.image)
+    gaps = np.linalg.norm(seen[:, None] - seen[None], axis=2)
+    near = np.argwhere(np.triu(gaps < STEP_MIN, 1))
+    if len(near):
+        i, j = near[0]
+        table.fail("spine", f"points {i} and {j} are both {shown(value[i])}", "remove the repeated one")
+    length = float(np.trace(gaps, 1))
+    if length < SPINE_MIN:
+        table.fail(
+            "spine",
+            f"is {length:.1f} pixels long",
+            f"it must be at least {SPINE_MIN:g}, or the image is too coarse",
+        )
+    crossing = _crossing(seen) if wide == 2 else None
+    if crossing:
+        i, j = crossing
+        table.fail(
+            "spine",
+            f"crosses itself: {i} to {i + 1} meets {j} to {j + 1}",
+            "order the points from one end to the other",
+        )
+    return spine
+
+
+def _crossing(points: np.ndarray) -> tuple[int, int] | None:
+    """The first two segments of a polyline, shape (n, 2), that cross or turn back on each other; by index."""
+
+    def side(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> float:
+        return float(np.sign((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])))
+
+    step = np.diff(points, axis=0)
+    step /= np.linalg.norm(step, axis=1, keepdims=True)
+    for j in range(1, len(points) - 1):
+        if step[j - 1] @ step[j] < -0.996:  # within 5 degrees
+            return j - 1, j
+        c, d = points[j], points[j + 1]
+        for i in range(j - 1):
+            a, b = points[i], points[i + 1]
+            if side(a, b, c) != side(a, b, d) and side(c, d, a) != side(c, d, b):
+                return i, j
+    return None
