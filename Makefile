@@ -65,7 +65,7 @@ $(READY): pyproject.toml
 	        say "libosmesa6 could not be installed; EGL is here and will be used."
 	    fi
 	fi
-	say "installing symseek and its dependencies into .venv ..."
+	say "installing symseek and its dependencies into .venv, a minute or two ..."
 	$(BIN)/python -m pip install -q --disable-pip-version-check 'pip>=25.1'
-	$(BIN)/python -m pip install -q -e . --group dev
+	$(BIN)/python -m pip install -qq -e . --group dev
 	touch $@

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
+from skimage.draw import polygon2mask
 from skimage.measure import find_contours
 
 from symseek.scenes import raster, shapes
@@ -47,6 +48,23 @@ def silhouette(vertices: np.ndarray, faces: np.ndarray, camera: Camera, shape: t
     """Share of each pixel that a mesh covers, float32 (H, W), by 8 x 8 points a pixel."""
     height, width = shape[:2]
     return raster.coverage(camera.project(vertices), faces, (height, width), SAMPLES)
+
+
+def outline_coverage(outline: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """Share of each pixel inside a closed line (n, 2) of (column, row), by 8 x 8 points a pixel."""
+    height, width = shape[:2]
+    fine = polygon2mask((height * SAMPLES, width * SAMPLES), (outline[:, ::-1] + 0.5) * SAMPLES - 0.5)
+    return fine.reshape(height, SAMPLES, width, SAMPLES).mean((1, 3), dtype=np.float32)
+
+
+def compare_outline(outline: np.ndarray, sample: Sample) -> Errors:
+    """Errors of a closed line (n, 2); surface and volume are nan."""
+    inside = outline_coverage(outline, sample.coverage.shape)
+    mean, p95, largest = outline_error(inside, sample.coverage)
+    return Errors(
+        iou=overlap(inside, sample.coverage), contour=mean, contour_p95=p95, contour_max=largest,
+        surface=float("nan"), volume=float("nan"),
+    )
 
 
 def overlap(a: np.ndarray, b: np.ndarray) -> float:
@@ -145,7 +163,7 @@ def _outline(coverage: np.ndarray) -> np.ndarray:
 
 def _to_segments(points: np.ndarray, segments: np.ndarray, candidates: int = 6) -> np.ndarray:
     """Distance of each point (n, 2) to the nearest of the short segments (m, 2, 2)."""
-    _, near = cKDTree(segments.mean(1)).query(points, k=min(candidates, len(segments)))
+    _, near = KDTree(segments.mean(1)).query(points, k=min(candidates, len(segments)))
     a, b = np.moveaxis(segments[near.reshape(len(points), -1)], 2, 0)
     d, p = b - a, points[:, None]
     t = np.clip(np.sum((p - a) * d, -1) / np.maximum(np.sum(d * d, -1), 1e-30), 0, 1)
@@ -180,10 +198,10 @@ def _to_surface(
     points: np.ndarray, triangles: np.ndarray, more: int = 40000, candidates: int = 5,
 ) -> np.ndarray:
     """Distance of points (n, 3) to the nearest of those triangles whose centre or other samples lie close."""
-    cloud, face = _spread(triangles, more)
+    cloud, face = _spread(triangles, more)  # large triangles need more than their centre
     cloud = np.concatenate([triangles.mean(1), cloud])
     face = np.concatenate([np.arange(len(triangles)), face])
-    _, near = cKDTree(cloud).query(points, k=candidates)
+    _, near = KDTree(cloud).query(points, k=candidates)
     return _to_triangles(points[:, None], triangles[face[near]]).min(1)
 
 

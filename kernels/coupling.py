@@ -2,9 +2,12 @@
 
 import warp as wp
 
-from . import elastic
+from . import elastic, projection
 
 SMALL = wp.constant(1.0e-9)
+WINDOW = wp.constant(4)
+"""Segments of the spine either side that a ring's tangent looks at, each `FAR` times as important as the one before."""
+FAR = wp.constant(0.25)
 
 
 @wp.func
@@ -45,6 +48,40 @@ def upright(d: float, offset: wp.vec3, tangent: wp.vec3):
     return -d * wp.dot(offset, tangent) * tangent
 
 
+@wp.func
+def centre_pole(pole: wp.vec3, neighbour: wp.vec3, gap: float):
+    """Spring of natural length `gap`, the mean over the meridians: their sum holds a pole in the middle of its cap."""
+    e = neighbour - pole
+    return e - gap * unit(e)
+
+
+@wp.func
+def upright_spine(d: float, tilt: wp.array[wp.vec3], r: int, s: int, last: int):
+    """What `upright` does to spine node s: the other half of the gradient of d/2 mean ((T - c).t)^2."""
+    f = wp.vec3(0.0)
+    weight = float(1.0)
+    for j in range(WINDOW):
+        if s - j - 1 >= 0:
+            f -= weight * tilt[r - j - 1]
+        if s + j < last + 1 and s > 0:
+            f -= weight * tilt[r + j]
+        if s - j >= 0 and s < last:
+            f += weight * tilt[r - j]
+        if s + j + 1 <= last:
+            f += weight * tilt[r + j + 1]
+        weight *= FAR
+    return d * f
+
+
+@wp.func
+def hold_depth(strength: float, rest: float, eye: projection.Eye, v: wp.vec3):
+    """Pull along the line of sight to the depth `rest`, which a lone view cannot see."""
+    i = projection.sight(eye, v)
+    if eye.affine != 0:
+        return strength * (rest - wp.dot(i, v)) * i
+    return strength * (rest - wp.length(v - eye.centre)) * i
+
+
 @wp.kernel(enable_backward=False)
 def ring_means(
     # model
@@ -61,8 +98,12 @@ def ring_means(
     radius_out: wp.array[float],
     gap_out: wp.array[float],
     tangent_out: wp.array[wp.vec3],
+    tilt_out: wp.array[wp.vec3],
 ):
-    """Sets centroid and mean radius of each ring (below fig. 7), mean distance to the next ring, spine tangent."""
+    """Sets centroid and mean radius of each ring (below fig. 7), mean distance to the next ring, spine tangent, tilt.
+
+    The tangent looks `WINDOW` segments either way: far ones count where near ones vanish, as they do under a flat end.
+    """
     r = wp.tid()
     k = ring_tube[r]
     n = tube_nx[k]
@@ -91,9 +132,22 @@ def ring_means(
     centroid_out[r] = centre + moment / around
     radius_out[r] = reach / around
     gap_out[r] = gap / float(n)
-    lo = r - wp.min(s, 1)
-    hi = r + wp.min(last - s, 1)
-    tangent_out[r] = unit(spine_in[hi] - spine_in[lo])
+    along = wp.vec3(0.0)
+    weight = float(1.0)
+    for j in range(WINDOW):
+        if s + j < last:
+            along += weight * (spine_in[r + j + 1] - spine_in[r + j])
+        if s - j > 0:
+            along += weight * (spine_in[r - j] - spine_in[r - j - 1])
+        weight *= FAR
+    t = unit(along)
+    tilt = wp.vec3(0.0)
+    for x in range(n):
+        e = tube_in[start + x] - centroid_out[r]
+        tilt += wp.dot(e, t) / float(n) * e
+    tilt -= wp.dot(tilt, t) * t
+    tangent_out[r] = t
+    tilt_out[r] = tilt / wp.max(wp.length(along), 1.0 / float(last))
 
 
 @wp.kernel(enable_backward=False)
@@ -112,6 +166,8 @@ def tube_force(
     w01: wp.array[float],
     w02: wp.array[float],
     coupling: wp.array2d[float],
+    depth_rest: wp.array[float],
+    eyes: wp.array[projection.Eye],
     # state in
     tube_in: wp.array[wp.vec3],
     spine_in: wp.array[wp.vec3],
@@ -141,16 +197,24 @@ def tube_force(
     f += elastic.twist_force(tube_in, w11, start, x, n, s, ns, hx, hs)
     mass = end_mass(s, ns)
     f += mass * attract(coupling[r, 1], spine_in[r], centroid_in[r])
+    f += mass * hold_depth(coupling[r, 7], depth_rest[r], eyes[0], centroid_in[r])
     if ring_closed[r] == 0:
         f += mass * elastic.ring_force(tube_in, w10, w20, start, x, n, hx)
         offset = v - spine_in[r]
         f += mass * symmetry(coupling[r, 2], radius_in[r], offset)
-        c = coupling[r, 3] + coupling[r, 4] * radius_in[r]
-        f += mass * expansion(c, offset, 0.1 * radius_in[r])
+        f += mass * expansion(coupling[r, 3], offset, 0.1 * radius_in[r])
+        # from the centroid, as the contraction that it cancels: from the spine it would push rings along it
+        f += mass * coupling[r, 4] * radius_in[r] * unit(v - centroid_in[r])
         f += mass * upright(coupling[r, 5], v - centroid_in[r], tangent_in[r])
         if s > 0 and s < ns - 1:
-            along = unit(tube_in[i + n] - tube_in[i - n])
-            f += coupling[r, 6] * (gap_in[r] - gap_in[r - 1]) / (hs * hs) * along
+            if ring_closed[r - 1] != 0:
+                f -= 0.5 * coupling[r, 6] * centre_pole(tube_in[i - n], v, gap_in[r - 1])
+            if ring_closed[r + 1] != 0:
+                f -= 0.5 * coupling[r, 6] * centre_pole(tube_in[i + n], v, gap_in[r])
+    elif s == 0:
+        f += mass * coupling[r, 6] * centre_pole(v, tube_in[i + n], gap_in[r])
+    else:
+        f += mass * coupling[r, 6] * centre_pole(v, tube_in[i - n], gap_in[r - 1])
     force_out[i] = f
 
 
@@ -163,14 +227,23 @@ def spine_force(
     w1: wp.array[float],
     w2: wp.array[float],
     coupling: wp.array2d[float],
+    depth_rest: wp.array[float],
+    eyes: wp.array[projection.Eye],
     # state in
     spine_in: wp.array[wp.vec3],
+    natural_in: wp.array[wp.vec3],
     centroid_in: wp.array[wp.vec3],
+    tilt_in: wp.array[wp.vec3],
     # out
     force_out: wp.array[wp.vec3],
 ):
-    """Sets the force on each spine node: (4) and f_a of (7)."""
+    """Sets the force on each spine node: (4) with natural curvature, f_a of (7), upright rings."""
     r = wp.tid()
     ns = tube_ns[ring_tube[r]]
-    f = elastic.line_force(spine_in, w1, w2, r, 1, ring_s[r], ns, 1.0 / float(ns - 1))
-    force_out[r] = f + end_mass(ring_s[r], ns) * attract(coupling[r, 0], centroid_in[r], spine_in[r])
+    h = 1.0 / float(ns - 1)
+    f = elastic.line_force(spine_in, w1, w2, r, 1, ring_s[r], ns, h)
+    f += elastic.bent_force(spine_in, natural_in, w2, r, ring_s[r], ns, h)
+    f += upright_spine(coupling[r, 5], tilt_in, r, ring_s[r], ns - 1)
+    mass = end_mass(ring_s[r], ns)
+    f += mass * hold_depth(coupling[r, 7], depth_rest[r], eyes[0], spine_in[r])
+    force_out[r] = f + mass * attract(coupling[r, 0], centroid_in[r], spine_in[r])

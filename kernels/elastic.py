@@ -93,3 +93,53 @@ def twist_force(
     if s > 0:
         f += cell_twist(v, weight, start - n, x, n) - cell_twist(v, weight, start - n, w, n)
     return 2.0 / (hx * hx * hs * hs) * f
+
+
+@wp.func
+def bent_force(
+    v: wp.array[wp.vec3],
+    natural: wp.array[wp.vec3],
+    rigidity: wp.array[float],
+    at: int,
+    i: int,
+    n: int,
+    h: float,
+):
+    """What a natural second difference `natural` adds to `line_force`: plus D2' w2 natural, h^-4."""
+    f = wp.vec3(0.0)
+    if i > 1:
+        f += rigidity[at - 1] * natural[at - 1]
+    if i > 0 and i < n - 1:
+        f -= 2.0 * rigidity[at] * natural[at]
+    if i < n - 2:
+        f += rigidity[at + 1] * natural[at + 1]
+    return f / (h * h * h * h)
+
+
+@wp.kernel(enable_backward=False)
+def relax_bend(
+    # model
+    tube_ring: wp.array[int],
+    tube_ns: wp.array[int],
+    basis: wp.array2d[float],
+    # state in
+    spine_in: wp.array[wp.vec3],
+    # out
+    natural_out: wp.array[wp.vec3],
+):
+    """Sets the spine's natural second difference to the part of its own that a low polynomial in s describes.
+
+    A spine then resists wriggles, not an even bend: its rigidity may be strong without pulling a banana straight.
+    `basis` holds orthonormal polynomials on the interior nodes, 0 at the ends.
+    """
+    k = wp.tid()
+    start = tube_ring[k]
+    n = tube_ns[k]
+    for i in range(n):
+        natural_out[start + i] = wp.vec3(0.0)
+    for j in range(basis.shape[1]):
+        p = wp.vec3(0.0)
+        for i in range(1, n - 1):
+            p += basis[start + i, j] * bend(spine_in[start + i - 1], spine_in[start + i], spine_in[start + i + 1])
+        for i in range(1, n - 1):
+            natural_out[start + i] = natural_out[start + i] + basis[start + i, j] * p

@@ -17,7 +17,7 @@ class Field:
 
 
 @wp.func
-def sample(samples: wp.array[wp.vec3], field: Field, p: wp.vec2):
+def sample(samples: wp.array[wp.vec4], field: Field, p: wp.vec2):
     """Bilinear look-up (section 5) at image point `p`; the border's value beyond it."""
     x = wp.clamp((p[0] - field.x0) / field.step, 0.0, float(field.width) - 1.001)
     y = wp.clamp((p[1] - field.y0) / field.step, 0.0, float(field.height) - 1.001)
@@ -32,7 +32,7 @@ def sample(samples: wp.array[wp.vec3], field: Field, p: wp.vec2):
 
 
 @wp.func
-def normal_pull(value: wp.vec3, normal: wp.vec2):
+def normal_pull(value: wp.vec4, normal: wp.vec2):
     """Normalised force [px]: the pull (value.xy) across the contour and the region's pressure (value.z), outward."""
     return (value[0] * normal[0] + value[1] * normal[1] + value[2]) * normal
 

@@ -6,7 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
+from trimesh.exchange.gltf import export_glb
 from trimesh.visual.material import PBRMaterial
+from trimesh.visual.texture import TextureVisuals
 
 from .files import whole_file
 from .lighting import vertex_normals
@@ -31,8 +33,10 @@ def write_ply(
         ValueError: the faces name vertices that are not there.
     """
     vertices, faces = _checked(vertices, faces)
-    points = np.empty(len(vertices), [(name, "<f4") for name in ("x", "y", "z", "nx", "ny", "nz")])
-    for name, values in zip(points.dtype.names, np.hstack([vertices, vertex_normals(vertices, faces)]).T, strict=True):
+    names = ("x", "y", "z", "nx", "ny", "nz")
+    points = np.empty(len(vertices), [(name, "<f4") for name in names])
+    columns = np.hstack([vertices, vertex_normals(vertices, faces)]).T
+    for name, values in zip(names, columns, strict=True):
         points[name] = values
     triangles = np.empty(len(faces), [("count", "u1"), ("corners", "<i4", 3)])
     triangles["count"], triangles["corners"] = 3, faces
@@ -43,13 +47,14 @@ def write_ply(
         f"comment units: {units}",
         f"comment frame: {frame}",
         f"element vertex {len(points)}",
-        *(f"property float {name}" for name in points.dtype.names),
+        *(f"property float {name}" for name in names),
         f"element face {len(triangles)}",
         "property list uchar int vertex_indices",
         "end_header",
     ]
     with whole_file(path) as part:
-        part.write_bytes("\n".join(header).encode("ascii", "replace") + b"\n" + points.tobytes() + triangles.tobytes())
+        head = "\n".join([*header, ""]).encode("ascii", "replace")
+        part.write_bytes(head + points.tobytes() + triangles.tobytes())
 
 
 def write_glb(
@@ -83,15 +88,14 @@ def write_glb(
         process=False,
     )
     linear = (np.asarray(colour) / 255.0) ** 2.2  # glTF's factors are linear
-    mesh.visual = trimesh.visual.TextureVisuals(
-        material=PBRMaterial(
-            name=name, baseColorFactor=[*linear, 1.0], metallicFactor=0.0, roughnessFactor=0.55, doubleSided=True
-        )
+    material = PBRMaterial(
+        name=name, baseColorFactor=[*linear, 1.0], metallicFactor=0.0, roughnessFactor=0.55
     )
+    mesh.visual = TextureVisuals(material=material)
     scene = trimesh.Scene()
     scene.add_geometry(mesh, node_name=name, geom_name=name)
     with whole_file(path) as part:
-        part.write_bytes(trimesh.exchange.gltf.export_glb(scene, include_normals=True))
+        part.write_bytes(export_glb(scene, include_normals=True))
 
 
 def _checked(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -13,7 +13,7 @@ from PIL import Image
 
 @contextmanager
 def whole_file(path: str | Path) -> Iterator[Path]:
-    """Yield a temporary name beside `path`; it becomes `path` at the end, or vanishes on any exception or ^C."""
+    """Yield a temporary name beside `path`; it becomes `path` at the end, or vanishes on an error or ^C."""
     path = Path(path)
     part = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
     try:
@@ -26,4 +26,4 @@ def whole_file(path: str | Path) -> Iterator[Path]:
 def write_picture(path: str | Path, image: np.ndarray) -> None:
     """Write an image, shape (H, W, 3) or (H, W), uint8, in the format of the name's ending."""
     with whole_file(path) as part:
-        Image.fromarray(np.ascontiguousarray(image)).save(part)
+        Image.fromarray(np.ascontiguousarray(image)).save(part, compress_level=4)

@@ -1,7 +1,8 @@
 """Light on a mesh, computed at its vertices, and the backdrop behind it.
 
-A rasteriser that only interpolates colours is ten times faster in software than one that lights every pixel, and
-smooth, finely meshed shapes look the same. Directions here are the viewer's: x right, y up, z toward the viewer.
+A rasteriser that only interpolates colours is ten times faster in software than one that lights every
+pixel, and smooth, finely meshed shapes look the same. Directions are the viewer's: x right, y up, z toward
+the viewer.
 """
 
 from __future__ import annotations
@@ -48,7 +49,8 @@ _SKY, _GROUND = np.array([0.46, 0.50, 0.56]) * 0.5, np.array([0.36, 0.29, 0.24])
 
 
 def lit(normals: np.ndarray, colour: tuple[int, int, int]) -> np.ndarray:
-    """Colours, shape (V, 3), sRGB in [0, 1], of a satin surface with these normals, shape (V, 3), by key, fill and rim."""
+    """Colours, shape (V, 3), sRGB in [0, 1], of a satin surface with unit normals, shape (V, 3)."""
+    normals = normals.astype(np.float32)
     albedo = (np.asarray(colour) / 255.0) ** 2.2
     height = 0.5 + 0.5 * normals[:, 1:2]
     light = height * _SKY + (1 - height) * _GROUND
@@ -72,7 +74,7 @@ def _soft(linear: np.ndarray) -> np.ndarray:
 
 
 def backdrop(width: int, height: int) -> np.ndarray:
-    """A studio wall, shape (height, width, 3), uint8: a soft glow behind the object, dithered against banding."""
+    """A studio wall, shape (height, width, 3), uint8: a soft glow, dithered against banding."""
     x = np.linspace(-1, 1, width)[None, :]
     y = np.linspace(-1, 1, height)[:, None]
     glow = np.exp(-(x**2 + (y + 0.15) ** 2) / 0.9)[..., None]

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+import os
 from typing import Any
 
 import numpy as np
-from PIL import Image
 
-from .platform import REMEDY, RenderError, choose
+from .platform import RenderError, check_bound, choose
 
 EYE = 4.0  # distance of the eye from the origin; near and far planes lie 3 either side of the origin
 _NEAR, _FAR = EYE - 3.0, EYE + 3.0
+
+Box = tuple[int, int, int, int]
+"""(left, top, right, bottom), px; the last two are not included."""
 
 
 class Surface:
@@ -23,12 +25,13 @@ class Surface:
 
     def __init__(self, width: int, height: int):
         name = choose()
+        check_bound(name)
         self.width, self.height = width, height
         try:
             self._platform = _context(name, width, height)
             self._open()
         except Exception as error:  # each way of lacking OpenGL raises an exception of its own
-            raise RenderError(f"no OpenGL on platform {name!r} ({type(error).__name__}: {error}). {REMEDY}") from error
+            raise RenderError(f"no OpenGL on platform {name!r} ({type(error).__name__}: {error})") from error
 
     def _open(self) -> None:
         import pyrender
@@ -49,7 +52,9 @@ class Surface:
         self._scene.add(self._camera, pose=pose)
         self._material = pyrender.MetallicRoughnessMaterial(baseColorFactor=[1.0, 1.0, 1.0, 1.0])
 
-    def draw(self, positions: np.ndarray, colours: np.ndarray, triangles: np.ndarray, reach: float) -> Image.Image:
+    def draw(
+        self, positions: np.ndarray, colours: np.ndarray, triangles: np.ndarray, reach: float, box: Box
+    ) -> np.ndarray:
         """Draw triangles that turn counter-clockwise to the eye.
 
         Args:
@@ -57,9 +62,10 @@ class Surface:
             colours: shape (V, 3), in [0, 1].
             triangles: shape (F, 3).
             reach: from the middle of the picture to its nearer edge.
+            box: the part wanted, (left, top, right, bottom) px; reading all of it takes as long as drawing.
 
         Returns:
-            Colours premultiplied by coverage, mode "RGBa".
+            Colours premultiplied by coverage, shape (bottom - top, right - left, 4), uint8.
         """
         import pyrender
 
@@ -72,17 +78,19 @@ class Surface:
         self._camera.ymag = reach * max(1.0, self.height / self.width)
         try:
             self._platform.make_current()
-            drawn = self._renderer.render(self._scene, self._flags)
+            drawn: Any = self._renderer.render(self._scene, self._flags)
         finally:
             self._scene.remove_node(node)
-        self._drawn_depth = drawn[1] if self._framebuffer else None
-        pixels = drawn[0] if self._framebuffer else self._read_colours()
-        return Image.frombuffer("RGBa", (self.width, self.height), np.ascontiguousarray(pixels), "raw", "RGBa", 0, 1)
+        if not self._framebuffer:
+            return self._read_colours(box)
+        self._depth = drawn[1]
+        left, top, right, bottom = box
+        return drawn[0][top:bottom, left:right]
 
     def depth(self) -> np.ndarray:
-        """Distances of the last drawing, shape (H, W): z below the origin's plane, infinite where nothing is."""
+        """-z of the last drawing, shape (H, W): how far behind the origin; infinite where nothing is."""
         self._platform.make_current()
-        raw = self._renderer.read_depth_buf() if self._drawn_depth is None else self._drawn_depth
+        raw = self._depth if self._framebuffer else self._renderer.read_depth_buf()
         # pyrender unrolls the buffer as if for a perspective camera: take that back, then unroll it for ours
         with np.errstate(divide="ignore"):
             buffer = (_FAR + _NEAR - 2 * _FAR * _NEAR / raw) / (_FAR - _NEAR)
@@ -93,7 +101,8 @@ class Surface:
         from OpenGL import GL
 
         self._platform.make_current()
-        return GL.glGetString(GL.GL_VENDOR).decode(), GL.glGetString(GL.GL_RENDERER).decode()
+        vendor, renderer = (GL.glGetString(name) or b"" for name in (GL.GL_VENDOR, GL.GL_RENDERER))
+        return vendor.decode(), renderer.decode()
 
     def close(self) -> None:
         """Free the context and all it holds."""
@@ -101,45 +110,45 @@ class Surface:
         self._renderer.delete()
         self._platform.delete_context()
 
-    def _read_colours(self) -> np.ndarray:
+    def _read_colours(self, box: Box) -> np.ndarray:
         from OpenGL import GL
 
+        left, top, right, bottom = box
+        pixels = np.empty((bottom - top, right - left, 4), np.uint8)
         GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, 0)
-        raw = GL.glReadPixels(0, 0, self.width, self.height, GL.GL_RGBA, GL.GL_UNSIGNED_BYTE)
-        return np.frombuffer(raw, np.uint8).reshape(self.height, self.width, 4)[::-1]
+        low = self.height - bottom  # OpenGL counts rows from below
+        GL.glReadPixels(left, low, right - left, bottom - top, GL.GL_RGBA, GL.GL_UNSIGNED_BYTE, array=pixels)
+        return pixels[::-1]
 
 
 def _context(name: str, width: int, height: int) -> Any:
-    """pyrender's own platform object."""
+    """Pyrender's own platform object."""
     if name == "osmesa":
         from pyrender.platforms.osmesa import OSMesaPlatform
 
         return OSMesaPlatform(width, height)
     if name == "egl":
-        from pyrender.platforms.egl import EGLPlatform
+        from pyrender.platforms.egl import EGLPlatform, get_device_by_index
 
-        return EGLPlatform(width, height)
+        return EGLPlatform(width, height, get_device_by_index(int(os.environ.get("EGL_DEVICE_ID", "0"))))
     raise ValueError("only osmesa and egl draw without a window")
 
 
 def _programs() -> Any:
     """A cache of shader programs that hits.
 
-    pyrender's own is keyed by the OpenGL context, which under OSMesa is a ctypes pointer and never equals itself:
-    every frame compiles its shaders again, takes longer and leaks 3 MB. One renderer has one context: leave it out.
+    pyrender's own is keyed by the OpenGL context, under OSMesa a new ctypes pointer at each call, equal to no
+    other: every frame compiles its shaders again, takes longer and leaks 3 MB. One renderer has one context:
+    leave it out.
     """
     from pyrender.shader_program import ShaderProgram, ShaderProgramCache
 
     class Programs(ShaderProgramCache):
-        def get_program(
-            self, vertex_shader: str, fragment_shader: str, geometry_shader: str | None = None, defines: Any = None
-        ) -> Any:
-            key = (vertex_shader, fragment_shader, geometry_shader, *sorted((defines or {}).items()))
+        def get_program(self, vertex_shader, fragment_shader, geometry_shader=None, defines=None):
+            shaders = (vertex_shader, fragment_shader, geometry_shader)
+            key = (*shaders, *sorted((defines or {}).items()))
             if key not in self._program_cache:
-                files = [
-                    shader and str(Path(self.shader_dir) / shader)
-                    for shader in (vertex_shader, fragment_shader, geometry_shader)
-                ]
+                files = [shader and f"{self.shader_dir}/{shader}" for shader in shaders]
                 self._program_cache[key] = ShaderProgram(*files, defines=defines)
             return self._program_cache[key]
 

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from PIL import Image
 
-from .lines import Colour, Polylines, dashes, runs, stroke
+from .lines import Colour, Pen, Polylines, dashes, runs, stroke
 from .text import plate, text_size, write_text
 
 WIRE: Colour = (255, 255, 255)
 SUPPORTED: Colour = (0, 229, 255)
-UNSUPPORTED: Colour = (255, 60, 140)
+UNSUPPORTED: Colour = (255, 84, 150)
 SPINE_FIRST: Colour = (255, 255, 255)
 SPINE_LAST: Colour = (255, 222, 60)
 _DARK: Colour = (12, 16, 24)
+
+_CRAMPED = 1.12  # window over object, at the least
 
 LONG_SIDE = (960, 1600)
 """px: smaller photographs are enlarged to the first, larger ones reduced to the second."""
@@ -32,9 +35,9 @@ class Drawing:
     """its occluding contour."""
     support: Sequence[np.ndarray] = ()
     """for each polyline of the contour, bool, shape (n,): image data holds the point; empty: all of it."""
-    spine_first: np.ndarray | None = field(default=None)
+    spine_first: np.ndarray | None = None
     """the axis that the user gave."""
-    spine_last: np.ndarray | None = field(default=None)
+    spine_last: np.ndarray | None = None
     """the axis that was found."""
 
 
@@ -44,8 +47,8 @@ class Photo:
     Args:
         image: shape (H, W) or (H, W, 3), float in [0, 1] or uint8.
         size: (width, height) of the picture, px.
-        window: (left, top, right, bottom) of the photograph's area, whose first pixel's centre is (0, 0) and whose
-            left edge is therefore at -1/2; the whole photograph if not given.
+        window: (left, top, right, bottom) in the photograph's points, all of it being (-1/2, -1/2, W - 1/2,
+            H - 1/2), as pixel centres lie at whole numbers. What lies outside the photograph is dark.
     """
 
     def __init__(
@@ -59,8 +62,13 @@ class Photo:
         self.window = window or (-0.5, -0.5, width - 0.5, height - 0.5)
         left, top, right, bottom = self.window
         self.scale = np.array([size[0] / (right - left), size[1] / (bottom - top)])
-        # Pillow's box counts from the left edge of the first pixel: the half pixel
+        # Pillow's box counts from the outer corner of the first pixel: the half pixel
         box = (left + 0.5, top + 0.5, right + 0.5, bottom + 0.5)
+        beyond = math.ceil(max(0.0, -box[0], -box[1], box[2] - width, box[3] - height))
+        if beyond:
+            channels = [np.pad(pixels[..., k], beyond, constant_values=_DARK[k]) for k in range(3)]
+            pixels = np.stack(channels, axis=2)
+            box = (box[0] + beyond, box[1] + beyond, box[2] + beyond, box[3] + beyond)
         scaled = Image.fromarray(pixels).resize(size, Image.Resampling.BICUBIC, box=box)
         self.picture = np.asarray(scaled).copy()
 
@@ -89,29 +97,65 @@ def draw_overlay(image: np.ndarray, drawings: Sequence[Drawing], legend: bool = 
     """
     photo = Photo.sized(image)
     picture = photo.picture
-    width = max(picture.shape[:2]) / 640
+    width = line_width(photo, drawings)
     for drawing in drawings:
         draw(picture, photo, drawing, width)
     if legend:
-        _legend(picture, [photo.place(line) for drawing in drawings for line in drawing.contour], drawings, width)
+        _legend(picture, photo, drawings, max(picture.shape[:2]) / 640)
     return picture
 
 
+def line_width(photo: Photo, drawings: Sequence[Drawing]) -> float:
+    """Unit of line widths, px: goes with the picture's size, less where the objects are small in it."""
+    side = max(photo.picture.shape[:2])
+    spreads = [_spread(photo, drawing) / side for drawing in drawings]
+    return side / 640 * float(np.clip(np.median(spreads or [1.0]) / 0.1, 0.55, 1.0))
+
+
+def _spread(photo: Photo, drawing: Drawing) -> float:
+    """Geometric mean of an object's standard deviations along its two axes, px: a turn does not change it."""
+    points = photo.place(np.concatenate([np.zeros((0, 2)), *drawing.contour, *drawing.wire]))
+    points = points[np.isfinite(points).all(axis=1)]
+    return float(max(np.linalg.det(np.cov(points.T)), 0.0)) ** 0.25 if len(points) > 2 else 0.0
+
+
+def window_around(
+    points: np.ndarray, shape: tuple[int, ...], aspect: float = 1.0, margin: float = 1.45
+) -> tuple[float, float, float, float]:
+    """A window for Photo, `aspect` times as wide as high, that holds points, shape (n, 2), with room around.
+
+    It stays within a photograph of this shape, (H, W) or (H, W, 3), as far as that is large enough.
+    """
+    low, high = points.min(axis=0), points.max(axis=0)
+    tight = max(high[1] - low[1], (high[0] - low[0]) / aspect, 8.0)
+    # less room rather than dark bars, but never a cramped picture
+    height = min(margin * tight, max(_CRAMPED * tight, min(shape[0], shape[1] / aspect)))
+    half = np.array([height * aspect, height]) / 2
+    size = np.array([shape[1], shape[0]], float)
+    # nearest to the points that keeps the window on the photograph, else on its middle
+    nearest, furthest = np.minimum(half, size / 2) - 0.5, np.maximum(size - half, size / 2) - 0.5
+    x, y = np.clip((low + high) / 2, nearest, furthest)
+    return x - half[0], y - half[1], x + half[0], y + half[1]
+
+
 def draw(picture: np.ndarray, photo: Photo, drawing: Drawing, width: float) -> None:
-    """Draw one object into a picture of the photograph, in place; `width` of the contour in px."""
+    """Draw one object into a picture of the photograph, in place; `width` is the unit of line widths, px."""
     wire = _placed(photo, drawing.wire)
-    stroke(picture, wire, _DARK, width * 1.0, alpha=0.2)
-    stroke(picture, wire, WIRE, width * 0.5, alpha=0.7)
+    stroke(picture, wire, Pen(_DARK, width * 1.4, 0.25), Pen(WIRE, width * 0.7, 0.75))
     if drawing.spine_first is not None:
-        _haloed(picture, dashes(photo.place(drawing.spine_first), 5 * width, 4 * width), SPINE_FIRST, width * 0.9)
+        first = dashes(photo.place(drawing.spine_first), 5 * width, 4 * width)
+        _haloed(picture, first, SPINE_FIRST, width * 0.9)
     if drawing.spine_last is not None:
-        _haloed(picture, [photo.place(drawing.spine_last)], SPINE_LAST, width * 0.9)
+        _haloed(picture, [photo.place(drawing.spine_last)], SPINE_LAST, width * 1.1)
     contour = _placed(photo, drawing.contour)
     support = drawing.support if len(drawing.support) else [np.ones(len(line), bool) for line in contour]
-    held = [part for line, flags in zip(contour, support, strict=True) for part in runs(line, flags, True)]
-    free = [part for line, flags in zip(contour, support, strict=True) for part in runs(line, flags, False)]
-    _haloed(picture, [dash for part in free for dash in dashes(part, 5 * width, 4 * width)], UNSUPPORTED, width * 1.6)
-    _haloed(picture, held, SUPPORTED, width * 1.6)
+    flagged = list(zip(contour, support, strict=True))
+    loose = [part for line, flags in flagged for part in runs(line, flags, False)]
+    loose = [dash for part in loose for dash in dashes(part, 7 * width, 5 * width)]
+    _haloed(picture, loose, UNSUPPORTED, width * 1.6)
+    _haloed(
+        picture, [part for line, flags in flagged for part in runs(line, flags, True)], SUPPORTED, width * 1.6
+    )
 
 
 def as_rgb(image: np.ndarray) -> np.ndarray:
@@ -128,11 +172,10 @@ def _placed(photo: Photo, lines: Polylines) -> list[np.ndarray]:
 
 def _haloed(picture: np.ndarray, lines: Polylines, colour: Colour, width: float) -> None:
     """A line with a dark rim, which reads on any ground."""
-    stroke(picture, lines, _DARK, width * 2.2, alpha=0.4)
-    stroke(picture, lines, colour, width)
+    stroke(picture, lines, Pen(_DARK, width * 2.2, 0.4), Pen(colour, width))
 
 
-def _legend(picture: np.ndarray, drawn: Polylines, drawings: Sequence[Drawing], width: float) -> None:
+def _legend(picture: np.ndarray, photo: Photo, drawings: Sequence[Drawing], width: float) -> None:
     """A key to the colours in the corner that least of the contours crosses."""
     entries = _entries(drawings)
     if not entries:
@@ -142,12 +185,14 @@ def _legend(picture: np.ndarray, drawn: Polylines, drawings: Sequence[Drawing], 
     pad, sample = round(6 * width), round(22 * width)
     box = np.array([max(text_size(words, size)[0] for words, *_ in entries) + sample + 3 * pad, 0])
     box[1] = line_height * len(entries) + 2 * pad - round(2 * width)
+    drawn = [photo.place(line) for drawing in drawings for line in drawing.contour]
     left, top = _emptiest_corner(picture.shape, box, round(9 * width), drawn)
     plate(picture, (left, top, left + int(box[0]), top + int(box[1])), _DARK, 0.72, pad)
     for index, (words, colour, thick, dashed) in enumerate(entries):
         y = top + pad + index * line_height
         line = np.array([[left + pad, y + line_height * 0.42], [left + pad + sample, y + line_height * 0.42]])
-        stroke(picture, dashes(line, 5 * width, 4 * width) if dashed else [line], colour, thick * width)
+        parts = dashes(line, 5 * width, 4 * width) if dashed else [line]
+        stroke(picture, parts, Pen(colour, thick * width))
         write_text(picture, (left + 2 * pad + sample, y), words, size)
 
 
@@ -157,11 +202,14 @@ def _entries(drawings: Sequence[Drawing]) -> list[tuple[str, Colour, float, bool
     return [
         entry
         for there, entry in (
-            (any(len(d.contour) for d in drawings), ("contour, held by the image", SUPPORTED, 1.6, False)),
-            (loose, ("contour, not held", UNSUPPORTED, 1.6, True)),
+            (
+                any(len(d.contour) for d in drawings),
+                ("contour, supported by the image", SUPPORTED, 1.6, False),
+            ),
+            (loose, ("contour, unsupported", UNSUPPORTED, 1.6, True)),
             (any(len(d.wire) for d in drawings), ("model", WIRE, 0.7, False)),
             (any(d.spine_first is not None for d in drawings), ("axis given", SPINE_FIRST, 0.9, True)),
-            (any(d.spine_last is not None for d in drawings), ("axis found", SPINE_LAST, 0.9, False)),
+            (any(d.spine_last is not None for d in drawings), ("axis found", SPINE_LAST, 1.1, False)),
         )
         if there
     ]

@@ -1,4 +1,4 @@
-"""Choice of the OpenGL platform that pyrender draws with; call `choose` before pyrender or OpenGL is imported."""
+"""Choice of pyrender's OpenGL platform; call `choose` before pyrender or OpenGL is imported."""
 
 from __future__ import annotations
 
@@ -20,7 +20,11 @@ REMEDY = (
 
 
 class RenderError(RuntimeError):
-    """OpenGL is not to be had; the message says what to do about it."""
+    """OpenGL is not to be had; the message says why and what to do about it."""
+
+    def __init__(self, problem: str, remedy: str = REMEDY):
+        super().__init__(f"{problem}. {remedy}")
+        self.problem, self.remedy = problem, remedy
 
 
 @dataclass(frozen=True)
@@ -48,6 +52,19 @@ def choose() -> str:
     return os.environ[VARIABLE]
 
 
+def check_bound(name: str) -> None:
+    """Make sure that PyOpenGL, if it was imported already, took this platform: it never changes its mind.
+
+    Raises:
+        RenderError: it took another one.
+    """
+    loaded = sys.modules.get("OpenGL.platform")
+    taken = type(getattr(loaded, "PLATFORM", None)).__name__.removesuffix("Platform").lower()
+    if loaded is not None and taken != name:
+        remedy = f"Set {VARIABLE}={name} in the environment, or call symseek.render.platform.choose() first."
+        raise RenderError(f"OpenGL was imported earlier, on platform {taken!r} instead of {name!r}", remedy)
+
+
 def describe() -> PlatformReport:
     """Try to draw on the chosen platform and say what was found; never raises."""
     from .raster import Renderer
@@ -57,7 +74,7 @@ def describe() -> PlatformReport:
         with Renderer(16, 16) as renderer:
             vendor, model = renderer.identity()
     except RenderError as error:
-        return PlatformReport(name, False, "", "", str(error), REMEDY)
+        return PlatformReport(name, False, "", "", error.problem, error.remedy)
     return PlatformReport(name, True, vendor, model, "", "")
 
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .lighting import backdrop, lit, vertex_normals
-from .lines import Colour, Polylines, stroke
-from .offscreen import Surface
+from .lines import Colour, Pen, Polylines, stroke
+from .offscreen import Box, Surface
 from .platform import RenderError
 
 Meshes = Sequence[tuple[np.ndarray, np.ndarray, Colour]]
@@ -55,7 +55,7 @@ class Viewpoint:
 
 
 def bounding_sphere(*vertices: np.ndarray) -> tuple[np.ndarray, float]:
-    """Centre, shape (3,), of the box around all points given, each of shape (n, 3), and the radius that holds them."""
+    """Centre, shape (3,), of the box around points, each of shape (n, 3), and the radius that holds them."""
     points = np.concatenate([np.asarray(part, float).reshape(-1, 3) for part in vertices])
     centre = (points.min(axis=0) + points.max(axis=0)) / 2
     return centre, max(float(np.linalg.norm(points - centre, axis=1).max()), 1e-12)
@@ -69,7 +69,7 @@ class Renderer:
         supersample: pixels drawn along each side of a pixel, against jagged edges.
 
     Raises:
-        RenderError: no OpenGL context can be had, or another Renderer is open; the message names the remedy.
+        RenderError: no OpenGL context can be had, or another Renderer is open.
     """
 
     _one = threading.Lock()
@@ -77,12 +77,13 @@ class Renderer:
     def __init__(self, width: int, height: int, supersample: int = 2):
         self.width, self.height, self.supersample = width, height, supersample
         if not Renderer._one.acquire(blocking=False):
-            raise RenderError("another Renderer is open: close it first, OpenGL allows one a process")
+            raise RenderError("another Renderer is open in this process", "Close it first.")
         try:
             self._surface = Surface(width * supersample, height * supersample)
         except BaseException:
             Renderer._one.release()
             raise
+        self._closed = False
         self._backdrop = backdrop(width, height)
 
     def __enter__(self) -> Renderer:
@@ -93,10 +94,12 @@ class Renderer:
 
     def close(self) -> None:
         """Free the OpenGL context; a second call does nothing."""
-        if self._surface is not None:
-            self._surface.close()
-            self._surface = None
-            Renderer._one.release()
+        if not self._closed:
+            self._closed = True
+            try:
+                self._surface.close()
+            finally:
+                Renderer._one.release()
 
     def identity(self) -> tuple[str, str]:
         """GL_VENDOR and GL_RENDERER."""
@@ -118,20 +121,28 @@ class Renderer:
             lines: polylines in the world, shape (n, 3) each, drawn on top where no surface hides them.
             line_colour: sRGB.
             line_width: px.
+
+        Raises:
+            ValueError: a vertex is not finite.
         """
-        picture = _over(self._layer(meshes, viewpoint), self._backdrop)
+        layer, (left, top, right, bottom) = self._layer(meshes, viewpoint)
+        picture = self._backdrop.copy()
+        _lay(layer, picture[top:bottom, left:right])
         if len(lines):
             depth = self._surface.depth()
-            seen = [part for line in lines for part in self._unhidden(np.asarray(line, float), viewpoint, depth)]
-            stroke(picture, seen, line_colour, line_width, alpha=0.85)
+            seen = [part for line in lines for part in self._unhidden(line, viewpoint, depth)]
+            stroke(picture, seen, Pen(line_colour, line_width, 0.85))
         return picture
 
     def alpha(self, meshes: Meshes, viewpoint: Viewpoint) -> np.ndarray:
         """Share of each pixel that the meshes cover, shape (H, W), float32 in [0, 1]."""
-        return self._layer(meshes, viewpoint)[..., 3] / np.float32(255)
+        layer, (left, top, right, bottom) = self._layer(meshes, viewpoint)
+        alpha = np.zeros((self.height, self.width), np.float32)
+        alpha[top:bottom, left:right] = layer[..., 3] / np.float32(255)
+        return alpha
 
-    def _layer(self, meshes: Meshes, viewpoint: Viewpoint) -> np.ndarray:
-        """Colours premultiplied by coverage, shape (H, W, 4), uint8."""
+    def _layer(self, meshes: Meshes, viewpoint: Viewpoint) -> tuple[np.ndarray, Box]:
+        """Colours premultiplied by coverage, shape (h, w, 4), uint8, and their box in the picture."""
         positions, colours, triangles, count = [], [], [], 0
         for vertices, faces, colour in meshes:  # merged: each node costs milliseconds
             faces = np.asarray(faces, np.int64)
@@ -140,14 +151,31 @@ class Renderer:
             colours.append(lit(vertex_normals(seen, faces), colour))
             triangles.append(faces + count)
             count += len(seen)
-        drawn = self._surface.draw(
-            np.concatenate(positions), np.concatenate(colours), np.concatenate(triangles), viewpoint.margin
+        pixels = [viewpoint.project(vertices, self.width, self.height) for vertices, _, _ in meshes]
+        if not all(np.isfinite(part).all() for part in pixels):
+            raise ValueError("a mesh has vertices that are not finite")
+        box = self._box(np.concatenate(pixels))
+        factor = self.supersample
+        left, top, right, bottom = box
+        fine = self._surface.draw(
+            np.concatenate(positions),
+            np.concatenate(colours),
+            np.concatenate(triangles),
+            viewpoint.margin,
+            (left * factor, top * factor, right * factor, bottom * factor),
         )
-        return np.asarray(drawn.reduce(self.supersample) if self.supersample > 1 else drawn)
+        return _reduced(fine, factor), box
+
+    def _box(self, points: np.ndarray) -> Box:
+        """The pixels that hold these points (column, row), shape (n, 2); at least one."""
+        size = np.array([self.width, self.height])
+        low = np.clip(np.floor(points.min(axis=0)), 0, size - 1).astype(int)
+        high = np.clip(np.ceil(points.max(axis=0)) + 1, low + 1, size).astype(int)
+        return int(low[0]), int(low[1]), int(high[0]), int(high[1])
 
     def _unhidden(self, line: np.ndarray, viewpoint: Viewpoint, depth: np.ndarray) -> list[np.ndarray]:
         """The parts of a world polyline before the surface, as polylines in the picture."""
-        fine = _densified(line, viewpoint.radius / 150)
+        fine = _densified(np.asarray(line, float), viewpoint.radius / 150)
         size = np.array([self.width, self.height]) * self.supersample
         pixel = viewpoint.project(fine, *size)
         ahead = _furthest(depth, pixel) - viewpoint.look(fine)[:, 2]
@@ -172,7 +200,27 @@ def _densified(line: np.ndarray, step: float) -> np.ndarray:
     return np.column_stack([np.interp(np.arange(knots[-1] + 1), knots, line[:, axis]) for axis in range(3)])
 
 
-def _over(layer: np.ndarray, under: np.ndarray) -> np.ndarray:
-    """A premultiplied layer, shape (H, W, 4), before a picture, shape (H, W, 3); all uint8."""
-    clear = (255 - layer[..., 3:]).astype(np.uint16)
-    return layer[..., :3] + ((under * clear + 127) // 255).astype(np.uint8)
+def _reduced(fine: np.ndarray, factor: int) -> np.ndarray:
+    """Means of factor x factor pixels, shape (H, W, 4) to (H / factor, W / factor, 4), uint8."""
+    height, width = fine.shape[0] // factor, fine.shape[1] // factor
+    rows = fine[::factor].astype(np.uint16, order="C")
+    for row in range(1, factor):
+        rows += fine[row::factor]
+    # the four 16-bit sums of a pixel are added as one 64-bit word: none reaches the next
+    words = rows.view(np.uint64)[..., 0]
+    total = np.zeros((height, width), np.uint64)
+    for column in range(factor):
+        total += words[:, column::factor]
+    means = (total[..., None].view(np.uint16) + factor**2 // 2) // factor**2
+    return means.astype(np.uint8)
+
+
+def _lay(layer: np.ndarray, picture: np.ndarray) -> None:
+    """Lay premultiplied colours, shape (h, w, 4), over a picture, shape (h, w, 3), in place; all uint8."""
+    alpha = layer[..., 3]
+    whole = alpha == 255
+    for channel in range(3):
+        np.copyto(picture[..., channel], layer[..., channel], where=whole)
+    rim = np.nonzero((alpha > 0) & ~whole)  # few: the arithmetic is spared the rest
+    clear = 255 - alpha[rim][:, None].astype(np.uint16)
+    picture[rim] = layer[rim][:, :3] + ((picture[rim] * clear + 127) // 255).astype(np.uint8)

@@ -11,9 +11,12 @@ from .lines import Colour
 
 
 @cache
-def font(size: float) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
+def font(size: float) -> ImageFont.FreeTypeFont:
     """Pillow's own font, px."""
-    return ImageFont.load_default(size)
+    chosen = ImageFont.load_default(size)
+    if not isinstance(chosen, ImageFont.FreeTypeFont):
+        raise RuntimeError("Pillow was built without FreeType; install one of its wheels")
+    return chosen
 
 
 def text_size(words: str, size: float) -> tuple[int, int]:
@@ -25,7 +28,7 @@ def text_size(words: str, size: float) -> tuple[int, int]:
 def write_text(
     image: np.ndarray, place: tuple[float, float], words: str, size: float, colour: Colour = (235, 238, 242)
 ) -> None:
-    """Write one line into an image, shape (H, W, 3), uint8, in place, its top left corner at `place` (column, row)."""
+    """Write a line into an image, shape (H, W, 3), uint8, in place; its top left is `place` (column, row)."""
     width, height = text_size(words, size)
     left, top = round(place[0]), round(place[1])
     patch = image[max(top, 0) : top + height, max(left, 0) : left + width]
@@ -36,7 +39,9 @@ def write_text(
     patch[:] = np.asarray(drawn)
 
 
-def plate(image: np.ndarray, box: tuple[int, int, int, int], colour: Colour, alpha: float, radius: int = 6) -> None:
+def plate(
+    image: np.ndarray, box: tuple[int, int, int, int], colour: Colour, alpha: float, radius: int = 6
+) -> None:
     """Lay a translucent plate with round corners over (left, top, right, bottom) of an image, in place."""
     left, top, right, bottom = box
     patch = image[max(top, 0) : bottom, max(left, 0) : right]

@@ -51,3 +51,10 @@ class Camera:
         centre = -np.linalg.solve(m[:, :3], m[:, 3])
         d = points - centre
         return d / np.linalg.norm(d, axis=-1, keepdims=True)
+
+    def distance(self, points: np.ndarray) -> np.ndarray:
+        """Depth of world points (..., 3): along the axis from the origin (affine), from the focal point otherwise."""
+        if self.affine:
+            return points @ self.sight(np.zeros(3))
+        m = self.matrix
+        return np.linalg.norm(points + np.linalg.solve(m[:, :3], m[:, 3]), axis=-1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warp as wp
 
-from ..kernels import contour, coupling
+from ..kernels import contour, coupling, elastic
 from .model import Model, State
 
 
@@ -24,23 +24,30 @@ def add_forces(model: Model, state: State, contour_kind: str, literal: bool, tau
         coupling.ring_means,
         m.rings,
         inputs=[*ring, s.tube, s.spine],
-        outputs=[s.centroid, s.radius, s.gap, s.tangent],
+        outputs=[s.centroid, s.radius, s.gap, s.tangent, s.tilt],
         device=m.device,
     )
     wp.launch(
         coupling.tube_force,
         m.nodes,
         inputs=[
-            m.node_ring, *ring, m.ring_closed, m.w10, m.w20, m.w11, m.w01, m.w02, m.coupling,
+            m.node_ring, *ring, m.ring_closed, m.w10, m.w20, m.w11, m.w01, m.w02, m.coupling, m.depth_rest, m.eyes,
             s.tube, s.spine, s.centroid, s.radius, s.gap, s.tangent,
         ],
         outputs=[s.force],
         device=m.device,
     )  # fmt: skip
     wp.launch(
+        elastic.relax_bend,
+        m.tubes,
+        inputs=[m.tube_ring, m.tube_ns, m.bend_basis, s.spine],
+        outputs=[s.natural_bend],
+        device=m.device,
+    )
+    wp.launch(
         coupling.spine_force,
         m.rings,
-        inputs=[m.ring_tube, m.ring_s, m.tube_ns, m.w1, m.w2, m.coupling, s.spine, s.centroid],
+        inputs=[m.ring_tube, m.ring_s, m.tube_ns, m.w1, m.w2, m.coupling, m.depth_rest, m.eyes, s.spine, s.natural_bend, s.centroid, s.tilt],
         outputs=[s.spine_force],
         device=m.device,
     )
@@ -53,6 +60,16 @@ def add_forces(model: Model, state: State, contour_kind: str, literal: bool, tau
             device=m.device,
         )
         pictures = [m.eyes, m.fields, m.samples, s.tube, s.normal, s.facing, view, int(literal)]
+        wp.launch(
+            contour.pole_force,
+            2 * m.tubes,
+            inputs=[
+                m.tube_node, m.tube_ring, m.tube_nx, m.tube_ns, m.ring_closed, m.eyes, m.fields, m.samples,
+                s.tube, s.spine, s.facing, view,
+            ],
+            outputs=[s.force],
+            device=m.device,
+        )  # fmt: skip
         if contour_kind == "switch":
             wp.launch(
                 contour.switch_force,

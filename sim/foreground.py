@@ -34,10 +34,12 @@ class Foreground:
     """image pixels a sample."""
     origin: tuple[float, float]
     """image point (column, row) of sample (0, 0)."""
+    length: float
+    """of the rough axis [image px]."""
     half_width: float
     """median inside distance along the axis [image px]."""
     axis: np.ndarray
-    """the smooth axis, shape (n, 2), image points."""
+    """the smooth axis, carried on straight to the object's ends, shape (n, 2), image points."""
 
     def in_image(self, shape: tuple[int, int]) -> np.ndarray:
         """The map at the pixels of an image of `shape`; 0 where it was not looked at."""
@@ -167,7 +169,6 @@ def foreground(
     q = np.clip(((x - low) / (high - low + 1e-6) * BINS).astype(int), 0, BINS - 1)
     cells = np.ravel_multi_index(tuple(q[..., i] for i in range(channels)), (BINS,) * channels)
     laplacian = _edges(x)
-    seed = np.where(core | far, SEED, 0.0)
     inside = core.astype(float)
     mine = core & known
     for _ in range(ROUNDS):
@@ -175,12 +176,14 @@ def foreground(
         back = _histogram(cells, far & known if not mine[~core].any() else ~mine & known, channels)
         ratio = np.log((fore[cells] + 1e-7) / (back[cells] + 1e-7))
         prior = 1 / (1 + np.exp(-np.clip(0.5 * ratio, -6, 6)))
-        prior[core], prior[far] = 1.0, 0.0
-        weight = np.where(known, PRIOR, 1e-6) + seed
+        # a click beside the object has put its seeds on the background's colours
+        sure = core & (ratio > -1.0)
+        prior[sure], prior[far] = 1.0, 0.0
+        weight = np.where(known, PRIOR, 1e-6) + np.where(sure | far, SEED, 0.0)
         inside = _solve(laplacian, weight, prior, inside)
-        mine = _at_axis(inside, line) | core
+        mine = _at_axis(inside, line) | sure
     inside = _soft(inside)
-    return Foreground(inside, step, (float(lo[0]), float(lo[1])), *_half_width(inside, line, step, lo))
+    return Foreground(inside, step, (float(lo[0]), float(lo[1])), length, *_half_width(inside, line, step, lo))
 
 
 def _solve(laplacian: sparse.csr_array, weight: np.ndarray, prior: np.ndarray, start: np.ndarray) -> np.ndarray:
@@ -208,4 +211,17 @@ def _half_width(inside: np.ndarray, line: np.ndarray, step: float, lo: np.ndarra
     depth = ndimage.distance_transform_edt(np.pad(mask, 1))[1:-1, 1:-1]
     along = ndimage.map_coordinates(depth, line.T[::-1], order=1, mode="nearest")
     half = float(np.median(along)) * step
-    return max(half, 2 * step), line * step + lo
+    return max(half, 2 * step), _carried_on(mask, line) * step + lo
+
+
+def _carried_on(mask: np.ndarray, line: np.ndarray) -> np.ndarray:
+    """The axis [samples] with both ends carried on straight while they stay on the object, by half its length at most."""
+    pieces = [line]
+    quarter = len(line) // 4
+    for end, inner in ((0, quarter), (-1, -1 - quarter)):
+        e = line[end] - line[inner]
+        run = line[end] + np.arange(1, len(line) // 2)[:, None] * (e / np.linalg.norm(e)) * (AXIS / len(line))
+        on = ndimage.map_coordinates(mask.astype(float), run.T[::-1], order=1, mode="constant") > 0.5
+        steps = len(on) if on.all() else int(np.argmin(on))
+        pieces = [run[:steps][::-1], *pieces] if end == 0 else [*pieces, run[:steps]]
+    return np.concatenate(pieces)

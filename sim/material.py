@@ -15,7 +15,7 @@ class Material:
 
     w1: float = 0.0
     """tension of the spine (2)."""
-    w2: float = 1e-6
+    w2: float = 1e-5
     """rigidity of the spine (2)."""
     w10: float = 0.0
     """tension of the tube around (3)."""
@@ -39,7 +39,9 @@ class Material:
     """share of the tube's own contraction around the spine that (9) cancels; 0 is the paper's plain c."""
     d: float = 0.05
     """rings upright on the spine (ours): -d (r.t) t."""
-    spread: float = 1e-3
-    """even spacing of the rings along the surface (ours): natural length L01 of the ring's mean, without net tension."""
+    centre: float = 0.5
+    """a closed end in the middle of its cap (ours): springs to the next ring, of their mean length."""
+    depth: float = 0.1
+    """the spine at the depth it was given, which a lone view cannot see (ours); no part of it in several views."""
     closed: bool = True
     """ends cinched shut, the limit c(0), c(1) -> -infinity of (9): an end ring moves as one node."""

@@ -8,8 +8,12 @@ import warp as wp
 from ..kernels import image, projection
 from .camera import Camera
 
-SPINE_TO_RING, REACTION, SYMMETRY, EXPAND, BALANCE, UPRIGHT, SPREAD = range(7)
+SPINE_TO_RING, REACTION, SYMMETRY, EXPAND, BALANCE, UPRIGHT, CENTRE, DEPTH = range(8)
 """Columns of `Model.coupling`."""
+
+import os
+BEND_DEGREE = int(os.environ.get("DEG",2))
+"""Degree in s of the bend that a spine takes on as its natural one (natural curvature, section 3)."""
 
 
 class Model:
@@ -23,10 +27,12 @@ class Model:
         tube_nx, tube_ns, tube_node, tube_ring: grid and first node and ring of each tube, shape (K,).
         w10, w20, w11, w01, w02: weights of (3), shape (N,); w01 belongs to the edge to the next ring, w10 to the next node.
         w1, w2: weights of (2), shape (R,).
-        coupling: columns a, reaction, b, c, balance, d, spread, shape (R, 7).
+        coupling: columns a, reaction, b, c, balance, d, centre, depth, shape (R, 8)
+        depth_rest: depth along the line of sight that `depth` holds, shape (R,).
+        bend_basis: orthonormal polynomials in s of each spine, shape (R, BEND_DEGREE + 1).
         eyes: cameras in each tube's units, shape (V,) (see `set_cameras`).
         fields: potential of each tube in each view, shape (K, V).
-        samples: all potentials' samples, (pull column, pull row, pressure) [px].
+        samples: all potentials' samples, (pull column, pull row, pressure, pressure at a pole) [px].
     """
 
     def __init__(self, grids: list[tuple[int, int]], closed: list[bool], views: int, samples: int, device: str):
@@ -57,10 +63,16 @@ class Model:
         for name in ("w10", "w20", "w11", "w01", "w02"):
             setattr(self, name, wp.zeros(self.nodes, dtype=float, device=device))
         self.w1, self.w2 = (wp.zeros(self.rings, dtype=float, device=device) for _ in range(2))
-        self.coupling = wp.zeros((self.rings, 7), dtype=float, device=device)
+        self.coupling = wp.zeros((self.rings, 8), dtype=float, device=device)
+        basis = np.zeros((self.rings, BEND_DEGREE + 1), np.float32)
+        for k, (_, ns) in enumerate(grids):
+            inner = np.polynomial.legendre.legvander(np.linspace(-1, 1, ns - 2), BEND_DEGREE)
+            basis[self.rings_of(k)][1:-1] = np.linalg.qr(inner)[0]
+        self.bend_basis = wp.array(basis, dtype=float, device=device)
+        self.depth_rest = wp.zeros(self.rings, dtype=float, device=device)
         self.eyes = wp.zeros(views, dtype=projection.Eye, device=device)
         self.fields = wp.zeros((self.tubes, views), dtype=image.Field, device=device)
-        self.samples = wp.zeros(samples, dtype=wp.vec3, device=device)
+        self.samples = wp.zeros(samples, dtype=wp.vec4, device=device)
 
     def nodes_of(self, k: int) -> slice:
         """Nodes of tube k in the flat arrays."""
@@ -99,7 +111,8 @@ class State:
         self.tube, self.spine = vectors(model.nodes), vectors(model.rings)
         self.force, self.spine_force = vectors(model.nodes), vectors(model.rings)
         self.normal, self.facing = vectors(model.nodes), scalars(model.nodes)
-        self.centroid, self.tangent = vectors(model.rings), vectors(model.rings)
+        self.natural_bend = vectors(model.rings)
+        self.centroid, self.tangent, self.tilt = (vectors(model.rings) for _ in range(3))
         self.radius, self.gap = scalars(model.rings), scalars(model.rings)
         self.delta, self.low = vectors(model.nodes), vectors(4 * model.rings)
         self.residual = scalars(model.rings)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import os
 from scipy import ndimage
 
 from .camera import Camera
@@ -17,7 +18,7 @@ FLOOR = 0.1
 """Share of the strongest edge below which an edge pulls less and less."""
 RANGE = 3.0
 """Longest pull, in sigmas."""
-COARSEST, FALL, FINEST, FINEST_PX = 0.4, 0.5, 0.03, 1.2
+COARSEST, FALL, FINEST, FINEST_PX = 0.4, 0.5, float(os.environ.get("FIN",.03)), float(os.environ.get("FPX",1.2))
 """First sigma, ratio of one to the next, last sigma: in half widths of the object, the last not below FINEST_PX samples."""
 
 
@@ -40,7 +41,7 @@ class Potential:
     sigma: float
     """[image px]."""
     samples: np.ndarray
-    """shape (h, w, 3): pull (column, row) and pressure, in image px; the plain gradient of (11) for force "paper"."""
+    """shape (h, w, 4): pull (column, row), pressure, pressure at a pole, in image px; the plain gradient of (11) for force "paper"."""
     magnitude: np.ndarray
     """shape (h, w), P of (11)."""
     step: float
@@ -109,14 +110,17 @@ class ScaleSpace:
         """
         s = sigma / self.step
         p = self._edges(s)
-        pressure = np.zeros_like(p)
+        pressure = push = np.zeros_like(p)
         if self.settings.potential == "map":
             smooth = self._smooth(self.inside, s)
-            p = p * np.exp(-0.5 * ((smooth - 0.5) / 0.25) ** 2)
+            # flat across the outline, so that the edges alone say where it is
+            wide = self._smooth(self.inside, max(s, 2.5 * self.map.step / self.step))
+            gate = np.clip((0.5 - np.abs(wide - 0.5)) / 0.15, 0, 1)
+            p = p * gate * gate * (3 - 2 * gate)
         rows, cols = np.gradient(p)
         if self.settings.force == "paper":
             # per image px, as (11) says; P as it is
-            samples = np.stack([cols, rows, np.zeros_like(p)], axis=-1) / self.step**2
+            samples = np.stack([cols, rows, 0 * p, 0 * p], axis=-1) / self.step**2
             return self._potential(sigma, samples, p)
         floor = FLOOR * float(p.max()) + 1e-12
         pull = np.stack([cols, rows], axis=-1) * (s**2 / (p + floor))[..., None]
@@ -128,7 +132,10 @@ class ScaleSpace:
             unsaid = floor / (p + floor) if s * self.step < 0.25 * self.map.half_width else np.ones_like(p)
             pull *= (1 - unsaid)[..., None] if unsaid.min() == 1 else 1.0
             pressure = unsaid * push
-        return self._potential(sigma, np.concatenate([pull, pressure[..., None]], axis=-1) * self.step, p)
+            # on an outline found from both sides a pole is left alone: pushed there, it would slide along
+            sure = 2 * smooth - 1
+            push = np.sign(sure) * np.clip(2 * np.abs(sure) - 1, 0, 1) * s
+        return self._potential(sigma, np.concatenate([pull, np.stack([pressure, push], axis=-1)], axis=-1) * self.step, p)
 
     def _potential(self, sigma: float, samples: np.ndarray, p: np.ndarray) -> Potential:
         return Potential(sigma, samples.astype(np.float32), p, self.step, (float(self.origin[0]), float(self.origin[1])))

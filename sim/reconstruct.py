@@ -11,6 +11,7 @@ import warp as wp
 
 from ..kernels import contour as contour_kernels
 from ..kernels import coupling as coupling_kernels
+from ..kernels import elastic as elastic_kernels
 from ..kernels import image as image_kernels
 from ..kernels import integrate as integrate_kernels
 from .camera import Camera
@@ -123,7 +124,7 @@ class _Run:
         tube_flat, spine_flat = np.zeros((self.model.nodes, 3)), np.zeros((self.model.rings, 3))
         camera = self.views[0].camera
         for k, tube in enumerate(self.tubes):
-            axis = (self.axes[k] - self.origin) / self.unit
+            axis = (self._carried_on(k) - self.origin) / self.unit
             middle = self.axes[k].mean(axis=0)
             pixel = np.linalg.norm(camera.project(middle + 1e-3 * self.unit * np.eye(3)) - camera.project(middle), axis=1)
             radius = tube.radius or 0.5 * self.maps[k].half_width * 1e-3 * self.unit / pixel.max()
@@ -132,6 +133,21 @@ class _Run:
             spine_flat[self.model.rings_of(k)] = spine
         self.state.tube.assign(tube_flat.astype(np.float32))
         self.state.spine.assign(spine_flat.astype(np.float32))
+
+    def _carried_on(self, k: int) -> np.ndarray:
+        """The rough axis in the world, as far as the map's object reaches; straight beyond its own ends."""
+        if self.settings.potential != "map":
+            return self.axes[k]
+        camera = self.views[0].camera
+        axis, flat = axis_curve(self.axes[k]), self.maps[k].axis
+        seen = camera.project(axis)
+        lead = int(((flat - seen[0]) ** 2).sum(1).argmin())
+        tail = int(((flat - seen[-1]) ** 2).sum(1).argmin())
+        ends = []
+        for end, inner, points in ((0, 10, flat[:lead][::-1]), (-1, -11, flat[tail + 1 :])):
+            reach = np.linalg.norm(points - seen[end], axis=1) / np.linalg.norm(seen[end] - seen[inner])
+            ends.append(axis[end] + reach[:, None] * (axis[end] - axis[inner]))
+        return np.concatenate([ends[0][::-1], axis, ends[1]])
 
     def world(self, k: int) -> tuple[np.ndarray, np.ndarray]:
         """Tube (N_x, N_s, 3) and spine (N_s, 3) of object k in world units."""
@@ -145,26 +161,42 @@ class _Run:
         m = self.model
         node = {n: np.zeros(m.nodes, np.float32) for n in ("w10", "w20", "w11", "w01", "w02")}
         ring = {n: np.zeros(m.rings, np.float32) for n in ("w1", "w2")}
-        coupling = np.zeros((m.rings, 7), np.float32)
+        coupling = np.zeros((m.rings, 8), np.float32)
         for k, tube in enumerate(self.tubes):
             mat, nodes, rings = tube.material, m.nodes_of(k), m.rings_of(k)
             for n in ("w10", "w20", "w11", "w01"):
                 node[n][nodes] = getattr(mat, n)
-            node["w02"][nodes] = mat.w02 * share
-            ring["w1"][rings], ring["w2"][rings] = mat.w1, mat.w2 * share
+            import os
+            e = lambda k, d: float(os.environ.get(k, d))
+            node["w02"][nodes] = mat.w02 * max(share, e("W02F", .01))
+            ring["w1"][rings], ring["w2"][rings] = mat.w1, mat.w2 * max(share, e("W2F", .01))
             lap = (2 * np.sin(np.pi / tube.grid[0]) * tube.grid[0]) ** 2
+            depth = mat.depth if len(self.views) == 1 else 0.0
             balance = mat.c_balance * (mat.w10 * lap + mat.w20 * lap**2)
-            coupling[rings] = [mat.a, mat.a * mat.reaction, mat.b, mat.c, balance, mat.d, mat.spread]
+            coupling[rings] = [mat.a, mat.a * mat.reaction, mat.b, mat.c, balance, mat.d, mat.centre, depth]
         for name, value in (*node.items(), *ring.items(), ("coupling", coupling)):
             getattr(m, name).assign(value)
 
+    def hold_depth(self) -> None:
+        """Writes the depth each ring is held at: the rough axis' own, going on straight beyond its ends."""
+        camera = self._own_camera(self.views[0].camera)
+        rest = np.zeros(self.model.rings, np.float32)
+        spine = self.state.spine.numpy()
+        for k in range(len(self.tubes)):
+            axis = axis_curve((self.axes[k] - self.origin) / self.unit)
+            long = np.concatenate([2 * axis[0] - axis[::-1], axis, 2 * axis[-1] - axis[::-1]])
+            rings = self.model.rings_of(k)
+            gap = camera.project(spine[rings])[:, None] - camera.project(long)[None]
+            rest[rings] = camera.distance(long)[(gap**2).sum(-1).argmin(axis=1)]
+        self.model.depth_rest.assign(rest)
+
     def set_potentials(self, potentials: list[Potential]) -> None:
-        samples = np.zeros((len(self.model.samples), 3), np.float32)
+        samples = np.zeros((len(self.model.samples), 4), np.float32)
         fields = []
         for k, p in enumerate(potentials):
             h, w = p.magnitude.shape
             start = int(self.sample_start[k])
-            samples[start : start + h * w] = p.samples.reshape(-1, 3)
+            samples[start : start + h * w] = p.samples.reshape(-1, 4)
             f = image_kernels.Field()
             f.start, f.width, f.height = start, w, h
             f.x0, f.y0, f.step = *p.origin, p.step
@@ -218,7 +250,7 @@ def reconstruct(
         add_forces(run.model, run.state, settings.contour, literal, settings.tau)
         solver.step(run.state)
 
-    for module in (coupling_kernels, contour_kernels, integrate_kernels):
+    for module in (elastic_kernels, coupling_kernels, contour_kernels, integrate_kernels):
         wp.load_module(module, device=device)
     lap("kernels")
     graph = None
@@ -232,7 +264,8 @@ def reconstruct(
         potentials.append(current)
         run.set_potentials(current)
         lap("potential")
-        run.set_material(max(0.01, (sigmas[0] / lists[0][0]) ** 2))
+        run.hold_depth()
+        run.set_material((sigmas[0] / lists[0][0]) ** 2)
         solver.material_changed()
         progress.stage, progress.sigma = stage, sigmas[0]
         if graph is None:

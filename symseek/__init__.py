@@ -1,8 +1,7 @@
 """symseek: 3D shape of roundish, elongated things from photographs by symmetry-seeking deformable models.
 
-    import symseek
-    result = symseek.reconstruct("photo.jpg", spine=[[x, y], ...])
-    result.save("out")
+>>> result = symseek.reconstruct("photo.jpg", spine=[[x, y], ...])
+>>> result.save("out")
 """
 
 from importlib import import_module

@@ -55,7 +55,7 @@ class Table:
             raise SceneError(
                 source,
                 where,
-                f"{shown(data)} is no table of keys",
+                f"{shown(data)} is not a table of keys",
                 "write key = value lines below its heading",
             )
         self.data: Mapping[str, Any] = data
@@ -87,7 +87,7 @@ class Table:
         value = self.take(key, default, why)
         choices = list(choices)
         if not isinstance(value, str) or not value.strip():
-            self.fail(key, f"{shown(value)} is no text", 'write it in quotes, like "front"')
+            self.fail(key, f"{shown(value)} is not text", 'write it in quotes, like "front"')
         if choices and value not in choices:
             self.fail(
                 key,
@@ -110,7 +110,9 @@ class Table:
     def flag(self, key: str, default: bool) -> bool:
         value = self.take(key, default)
         if not isinstance(value, bool):
-            self.fail(key, f"{shown(value)} is neither true nor false")
+            self.fail(
+                key, f"{shown(value)} is neither true nor false", "write one of the two, without quotes"
+            )
         return value
 
     def number(
@@ -124,7 +126,7 @@ class Table:
         """A finite number, above < value <= most."""
         value = self.take(key, default, why)
         if not is_number(value):
-            self.fail(key, f"{shown(value)} is no finite number")
+            self.fail(key, f"{shown(value)} is not a finite number", "write one, like 12.5")
         if not above < value <= most:
             bound = f"above {above:g}" if most == math.inf else f"above {above:g} and at most {most:g}"
             self.fail(key, f"{shown(value)} is out of bounds", f"it must be {bound}")
@@ -161,7 +163,7 @@ class Table:
         """The list of tables [[key]], at least one; the remedy `why` where there is none."""
         value = self.take(key, [])
         if not isinstance(value, list) or not value:
-            self.fail(key, "is missing" if value == [] else f"{shown(value)} is no list of tables", why)
+            self.fail(key, "is missing" if value == [] else f"{shown(value)} is not a list of tables", why)
         return [Table(v, self.source, f"{self.path(key)}[{i}]", known) for i, v in enumerate(value)]
 
     def fields(self, key: str, default: Any, bounds: Bounds) -> Any:

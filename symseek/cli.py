@@ -6,12 +6,13 @@ Exit status 0 done, 2 the input is at fault, 1 anything else. Heavy imports wait
 from __future__ import annotations
 
 import argparse
+import math
 import signal
 import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from . import __version__
 
@@ -24,7 +25,9 @@ DEMO_DEFAULT = "squash"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command; returns the exit status."""
+    """Run one command, of the process or as given; returns the exit status."""
+    if arguments is None:  # the process is ours: a plain kill cleans up as ^C does
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
     options = _parser().parse_args(arguments)
     try:
         if options.command == "doctor":
@@ -53,17 +56,21 @@ def _parser() -> argparse.ArgumentParser:
     demo = commands.add_parser(
         "demo", help="run a scene that ships with symseek", description="Run a scene that ships with symseek."
     )
-    demo.add_argument("scene", metavar="NAME", nargs="?", default=DEMO_DEFAULT, help=f"default: {DEMO_DEFAULT}")
+    demo.add_argument(
+        "scene", metavar="NAME", nargs="?", default=DEMO_DEFAULT, help=f"default: {DEMO_DEFAULT}"
+    )
     demo.add_argument("--list", action="store_true", help="list the scenes and stop")
     for command in (run, demo):
-        command.add_argument("--out", metavar="DIR", type=Path, help="folder for the results (default: out/NAME)")
+        command.add_argument(
+            "--out", metavar="DIR", type=Path, help="folder for the results (default: out/NAME)"
+        )
         command.add_argument("--device", default="cpu", help="Warp device: cpu, cuda:0 (default: cpu)")
         command.add_argument(
             "--set",
             metavar="KEY=VALUE",
             action="append",
             default=[],
-            help="change a key of the scene file, like solver.scheme=euler or object.0.grid=[49,49]; may be repeated",
+            help="change a key of the scene file, like solver.scheme=euler; may be repeated",
         )
         command.add_argument("--quiet", action="store_true", help="print nothing but errors")
         command.add_argument("--no-video", action="store_true", help="leave the video out")
@@ -85,7 +92,9 @@ def _demo(options: argparse.Namespace) -> int:
             print(f"{name:12} {_about(path)}")
         return 0
     if options.scene not in known:
-        print(f"symseek: there is no demo {options.scene!r}; choose one of {', '.join(known)}", file=sys.stderr)
+        print(
+            f"symseek: there is no demo {options.scene!r}; choose one of {', '.join(known)}", file=sys.stderr
+        )
         return 2
     return _run(options, str(known[options.scene]))
 
@@ -97,28 +106,34 @@ def _about(path: Path) -> str:
 
 
 def _run(options: argparse.Namespace, scene: str) -> int:
-    # a plain kill cleans up as ^C does
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
     overrides = options.set + (["output.video=false"] if options.no_video else [])
     show = Show(options.quiet)
     show.line(f"symseek {__version__}: {scene}")
+    from . import device
     from .checks import SceneError
     from .pipeline import run
 
+    device.start_quietly()
+    if not device.kernels_compiled():
+        show.line("compiling kernels, once on this machine ...")
     try:
-        result = run(scene, options.out, options.device, overrides=overrides, callback=show.progress, tell=show.line)
+        result = run(
+            scene, options.out, options.device, overrides=overrides, callback=show.progress, tell=show.line
+        )
     except SceneError as problem:
         show.end()
         print(f"symseek: {problem}", file=sys.stderr)
         return 2
-    except (OSError, MemoryError, RuntimeError) as problem:  # the machine; anything else is a fault of ours and is shown whole
+    except (OSError, MemoryError, RuntimeError) as problem:  # the machine's; a fault of ours is shown whole
         show.end()
         print(f"symseek: {type(problem).__name__}: {problem}; see `symseek doctor`", file=sys.stderr)
         return 1
     show.end()
     if not options.quiet:
         print(summary(result))
-    return 0
+    for name, reason in result.skipped.items():
+        print(f"symseek: {name} was not written: {reason}", file=sys.stderr)
+    return 1 if result.skipped else 0
 
 
 class Show:
@@ -134,7 +149,9 @@ class Show:
     def progress(self, p: Progress) -> None:
         if self.quiet:
             return
-        text = f"stage {p.stage}, sigma {p.sigma:.1f} px: iteration {p.iteration}, residual {p.residual:.1e}"
+        text = f"stage {p.stage + 1}, sigma {p.sigma:.1f} px: iteration {p.iteration}"
+        if p.residual < math.inf:
+            text += f", residual {p.residual:.1e}"
         now = time.monotonic()
         if self.terminal and now - self.last > 0.05:
             self.last, self.open = now, True
@@ -159,19 +176,19 @@ class Show:
 def summary(result: Result) -> str:
     """Measures, times, warnings and files of a run, as text for a terminal."""
     unit = result.scene.units
-    rows = [
-        ["object", f"length [{unit}]", f"max radius [{unit}]", f"area [{unit}^2]", f"volume [{unit}^3]", "asymmetry"]
-        + ["contour [px]", "supported", "iterations"]
-    ]
+    columns = [["", "length", "largest radius", "surface area", "volume", "asymmetry"]]
+    columns[0] += ["contour to edge, mean", "contour supported", "iterations", "trusted"]
     for o in result.objects:
-        m = o.measures
-        rows.append(
-            [o.name, f"{m['length']:.4g}", f"{max(m['radius']):.4g}", f"{m['area']:.5g}", f"{m['volume']:.5g}"]
-            + [f"{m['asymmetry']:.3f}", f"{m['contour_residual_px']['mean']:.2f}", f"{m['supported_share']:.0%}"]
-            + [f"{o.iterations}" + ("" if o.converged else " (not at rest)")]
-        )
-    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
-    lines = ["", *("  ".join(cell.rjust(w) for cell, w in zip(row, widths, strict=True)) for row in rows), ""]
+        m: dict[str, Any] = o.measures
+        column = [o.name, f"{m['length']:.5g} {unit}", f"{max(m['radius']):.5g} {unit}"]
+        column += [f"{m['area']:.5g} {unit}^2", f"{m['volume']:.5g} {unit}^3", f"{m['asymmetry']:.2%}"]
+        column += [f"{m['contour_residual_px']['mean']:.2f} px", f"{m['supported_share']:.0%}"]
+        column += [f"{o.iterations}{'' if o.converged else ' (not at rest)'}", "yes" if o.trusted else "NO"]
+        columns.append(column)
+    widths = [max(map(len, column)) for column in columns]
+    rows = zip(*columns, strict=True)
+    table = ["  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows]
+    lines = ["", *table, ""]
     lines.append("seconds: " + ", ".join(f"{phase} {s:.2f}" for phase, s in result.seconds.items()))
     for o in result.objects:
         if not o.trusted:

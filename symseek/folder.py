@@ -19,8 +19,9 @@ RECORD = "result.json"
 def staging(out: Path) -> Iterator[Path]:
     """A folder to write into, whose files move to `out` when the block ends without an exception.
 
-    It lies inside `out`, so that moving is a renaming and that a folder which cannot be written is known at once.
-    Files that an earlier record there names and this run did not write are removed: no old video beside a new mesh.
+    It lies inside `out`: moving is then a renaming, and a folder that cannot be written is known at once.
+    Files that an earlier record there names and this run did not write are removed: no old video beside a new
+    mesh.
 
     Raises:
         SceneError: `out` cannot be made or written.
@@ -32,7 +33,10 @@ def staging(out: Path) -> Iterator[Path]:
     except OSError as problem:
         _unmake(made)
         raise SceneError(
-            str(out), "", f"the output folder cannot be written ({problem.strerror})", "give another one by --out"
+            str(out),
+            "",
+            f"the output folder cannot be written ({problem.strerror})",
+            "give another one by --out",
         ) from None
     try:
         yield stage

@@ -46,7 +46,7 @@ def read(table: Table, key: str, base: Path, mask: bool = False) -> np.ndarray:
     if isinstance(value, np.ndarray):
         pixels = value
     elif not isinstance(value, str) or not value.strip():
-        table.fail(key, f"{shown(value)} is no path", 'write it in quotes, like "photo.jpg"')
+        table.fail(key, f"{shown(value)} is not a path", 'write it in quotes, like "photo.jpg"')
     elif value.startswith("skimage:"):
         pixels = _from_skimage(table, key, value)
     else:
@@ -81,7 +81,7 @@ def _from_skimage(table: Table, key: str, value: str) -> np.ndarray:
             "choose one that ships with it, like skimage:rocket",
         )
     if not isinstance(pixels, np.ndarray):
-        table.fail(key, f"scikit-image's {name!r} is no picture", "try skimage:rocket")
+        table.fail(key, f"scikit-image's {name!r} is not a picture", "try skimage:rocket")
     return pixels
 
 

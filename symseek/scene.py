@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import time
 import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -81,6 +83,8 @@ class Scene:
     """the file it came from."""
     text: dict[str, Any] = field(default_factory=dict)
     """the tables as read, overrides included."""
+    seconds: float = 0.0
+    """that reading took."""
 
 
 def load(path: str | Path, overrides: Iterable[str] = ()) -> Scene:
@@ -98,6 +102,7 @@ def load(path: str | Path, overrides: Iterable[str] = ()) -> Scene:
     Raises:
         SceneError: anything unknown, missing or wrong; the message names file, field, value and remedy.
     """
+    began = time.perf_counter()
     path = Path(path)
     if path.is_dir() and (path / "scene.toml").is_file():
         path /= "scene.toml"
@@ -113,11 +118,11 @@ def load(path: str | Path, overrides: Iterable[str] = ()) -> Scene:
         raise SceneError(
             source,
             "",
-            "is no text, so no scene file",
+            "is not text, so not a scene file",
             "write a scene file that names the photograph as view.image",
         ) from None
     except tomllib.TOMLDecodeError as problem:
-        raise SceneError(source, "", f"is no valid TOML: {problem}", "mend that line") from None
+        raise SceneError(source, "", f"is not valid TOML: {problem}", "mend that line") from None
     except OSError as problem:
         raise SceneError(
             source, "", f"cannot be read ({problem.strerror})", "give the path of a scene file"
@@ -125,7 +130,9 @@ def load(path: str | Path, overrides: Iterable[str] = ()) -> Scene:
     for override in overrides:
         apply(data, override, source)
     name = path.parent.name if path.stem == "scene" and path.parent.name else path.stem
-    return build(data, path.parent, source, name)
+    scene = build(data, path.parent, source, name)
+    scene.seconds = time.perf_counter() - began
+    return scene
 
 
 def build(data: Mapping[str, Any], base: Path, source: str, name: str = "object") -> Scene:
@@ -157,22 +164,15 @@ def build(data: Mapping[str, Any], base: Path, source: str, name: str = "object"
     )
     default_name = scene_name if len(objects) == 1 else None
     tubes = [_tube(table, view, scale, default_name) for table in objects]
-    for table, twin in zip(objects[1:], range(len(tubes)), strict=False):
-        if tubes[twin + 1].name in [t.name for t in tubes[: twin + 1]]:
-            table.fail(
-                "name", f"{tubes[twin + 1].name!r} stands twice", "give every object a name of its own"
-            )
-    return Scene(
-        scene_name,
-        [view],
-        tubes,
-        top.fields("solver", Settings(), SETTINGS_BOUNDS),
-        units,
-        scale,
-        top.fields("output", Output(), {"video_fps": (1, 120)}),
-        source,
-        dict(data),
-    )
+    names = [tube.name for tube in tubes]
+    for i, table in enumerate(objects):
+        if names[i] in names[:i]:
+            table.fail("name", f"{names[i]!r} stands twice", "give every object a name of its own")
+    settings = top.fields("solver", Settings(), SETTINGS_BOUNDS)
+    if settings.sigmas and any(fine >= coarse for coarse, fine in pairwise(settings.sigmas)):
+        top.fail("solver.sigmas", f"{list(settings.sigmas)} does not fall", "write them from coarse to fine")
+    output = top.fields("output", Output(), {"video_fps": (1, 120)})
+    return Scene(scene_name, [view], tubes, settings, units, scale, output, source, dict(data))
 
 
 def _scale(top: Table, units: str, view: Table) -> float:
@@ -247,13 +247,13 @@ def _camera(table: Table, scale: float) -> Camera:
         if not np.allclose(K[2], [0, 0, 1]) or K[0, 0] <= 0 or K[1, 1] <= 0:
             table.fail(
                 "K",
-                f"{shown(K)} is no camera matrix",
+                f"{shown(K)} is not a camera matrix",
                 "it must be [[f, s, x0], [0, f, y0], [0, 0, 1]] with f above 0, in pixels",
             )
         if not np.allclose(R @ R.T, np.eye(3), atol=1e-4) or np.linalg.det(R) < 0:
             table.fail(
                 "R",
-                f"{shown(R)} is no rotation",
+                f"{shown(R)} is not a rotation",
                 "its rows must be unit vectors at right angles, its determinant +1",
             )
         return Camera.perspective(K, R, t)
@@ -262,7 +262,7 @@ def _camera(table: Table, scale: float) -> Camera:
         if np.linalg.matrix_rank(P) < 3 or (np.allclose(P[2, :3], 0) and not np.isclose(P[2, 3], 1)):
             table.fail(
                 "P",
-                f"{shown(P)} is no camera",
+                f"{shown(P)} is not a camera",
                 "it must have rank 3, and the last row 0 0 0 1 where it is affine",
             )
         return Camera(P)

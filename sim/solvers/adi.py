@@ -6,7 +6,7 @@ import numpy as np
 import warp as wp
 
 from ...kernels import integrate
-from ..model import SPINE_TO_RING, SPREAD, SYMMETRY, Model, State
+from ..model import SPINE_TO_RING, SYMMETRY, Model, State
 from .base import Solver, end_mass
 from .factor import cyclic_bands, factor_cyclic, factor_open, open_bands
 
@@ -52,8 +52,7 @@ class SolverADI(Solver):
                 x[key][nodes] = factors[key].reshape(nx * ns, *factors[key].shape[2:])
             corner[rings], edge[rings] = factors["corner"], factors["edge"]
             s[:, nodes] = np.moveaxis(self._along(grid["w01"].T, grid["w02"].T, self.dt, closed), 2, 1).reshape(3, -1)
-            # even spacing acts on slow modes alone
-            tension, rigidity = (grid["w01"].mean(1) + coupling[rings, SPREAD])[None], grid["w02"].mean(1)[None]
+            tension, rigidity = grid["w01"].mean(1)[None], grid["w02"].mean(1)[None]
             low[:, 0, rings] = self._along(tension, rigidity, self.slow_dt, False)[:, 0]
             low[:, 1:3, rings] = self._along(tension, rigidity, self.slow_dt, closed)
             a = coupling[rings, SPINE_TO_RING]

@@ -1,0 +1,262 @@
+"""The files of a run: record, meshes, arrays, pictures and video."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import os
+import platform
+import time
+from collections.abc import Callable, Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from . import __version__
+from .doctor import versions
+from .folder import RECORD
+from .render.evolution import Snapshot, evolution_frames
+from .render.export import write_glb, write_ply
+from .render.figures import potentials_sheet, views_sheet
+from .render.files import write_picture
+from .render.overlay import Drawing, draw_overlay
+from .render.platform import RenderError
+from .render.video import write_mp4
+from .scene import METRES
+from .sim.camera import Camera
+from .sim.problem import Tube, View
+from .sim.surface import occluding_contour, refine, wire
+
+if TYPE_CHECKING:
+    from .pipeline import Result
+
+COLOURS = [(226, 142, 52), (86, 160, 211), (122, 182, 72), (204, 102, 153), (230, 200, 80), (150, 130, 205)]
+"""sRGB of the objects, in turn."""
+SNAPSHOTS = 90
+"""Most states of the deformation that the video shows."""
+ASTRAY = "the model has grown out of the image"
+FORMS = {
+    "adi": "alternating directions, section 5",
+    "jacobi": "implicit Jacobi, section 5",
+    "euler": "explicit Euler, section 5",
+    "map": "foreground map (ours)",
+    "brightness": "brightness of the image, the paper's (11)",
+    "subnode": "contour between nodes (ours)",
+    "switch": "hard switch on nodes, the paper's (12)",
+    "normalised": "pull normalised by scale and contrast (ours)",
+    "paper": "plain gradient of the potential, the paper's (11)",
+}
+"""What the words of the solver's settings stand for."""
+
+
+def write(result: Result, folder: Path, tell: Callable[[str], None]) -> list[str]:
+    """Write all files that the scene's [output] asks for into an existing folder.
+
+    Without OpenGL the shaded views and the video are left out, and `result.skipped` says why.
+
+    Args:
+        result: of a run.
+        folder: to write into.
+        tell: called with a line of text before the slow parts.
+
+    Returns:
+        names of the files, record first.
+    """
+    want, clock = result.scene.output, time.perf_counter()
+    result.skipped = {}
+
+    def phase(name: str, text: str) -> None:
+        nonlocal clock
+        now = time.perf_counter()
+        result.seconds[name] = now - clock
+        clock = now
+        if text:
+            tell(text)
+
+    if want.meshes:
+        _write_meshes(result, folder)
+    phase("meshes", "drawing pictures ...")
+    _write_pictures(result, folder)
+    phase("pictures", "rendering the video ..." if want.video else "")
+    if want.video:
+        _write_video(result, folder / "reconstruction.mp4")
+        phase("video", "")
+    names = [RECORD, *sorted(f.name for f in folder.iterdir())]
+    text = json.dumps(_record(result, names), indent=1, ensure_ascii=False, allow_nan=False)
+    (folder / RECORD).write_text(text + "\n", encoding="utf-8")
+    return names
+
+
+def front(camera: Camera, point: np.ndarray) -> np.ndarray:
+    """Rotation, shape (3, 3), from the world to a view's (right, down, away) at a point, shape (3,)."""
+    m = camera.matrix
+    away = camera.sight(point)
+    # gradient of the column, but for a factor above 0
+    across = (m[0, :3] - camera.project(point)[0] * m[2, :3]) * np.sign(m[2, :3] @ point + m[2, 3])
+    right = across - away * (across @ away)
+    right /= np.linalg.norm(right)
+    return np.stack([right, np.cross(away, right), away])
+
+
+def _write_meshes(result: Result, folder: Path) -> None:
+    scene = result.scene
+    for k, o in enumerate(result.objects):
+        write_ply(folder / f"{o.name}.ply", o.vertices, o.faces, scene.units)
+        colour = COLOURS[k % len(COLOURS)]
+        write_glb(folder / f"{o.name}.glb", o.vertices, o.faces, METRES[scene.units], colour, o.name)
+        np.savez_compressed(
+            folder / f"{o.name}.npz",
+            tube=o.tube,
+            spine=o.spine,
+            velocity=o.velocity,
+            time=np.zeros(len(o.tube)),
+            units=np.array(scene.units),
+        )
+
+
+def _write_pictures(result: Result, folder: Path) -> None:
+    want, view = result.scene.output, result.scene.views[0]
+    astray = not all(in_reach(view, o.tube) for o in result.objects)
+    result.skipped |= {
+        f"{name}.png": ASTRAY for name in ("overlay", "views") if astray and getattr(want, name)
+    }
+    if want.overlay and not astray:
+        drawings = [
+            _drawing(tube, view.camera, o.tube[0], o.spine[0], o.contour, o.support)
+            for tube, o in zip(result.scene.tubes, result.objects, strict=True)
+        ]
+        write_picture(folder / "overlay.png", draw_overlay(view.image, drawings))
+    if want.potentials and result.potentials:
+        sheet = potentials_sheet([(p.sigma, p.image) for p in result.potentials])
+        write_picture(folder / "potentials.png", sheet)
+    if want.potentials and result.foreground is not None:
+        write_picture(
+            folder / "foreground.png", np.rint(255 * np.clip(result.foreground, 0, 1)).astype(np.uint8)
+        )
+    if want.views and not astray:
+        colours = (COLOURS[k % len(COLOURS)] for k in range(len(result.objects)))
+        meshes = [(o.vertices, o.faces, colour) for o, colour in zip(result.objects, colours, strict=True)]
+        wires = [line for o in result.objects for line in wire(o.tube[0])]
+        try:
+            sheet = views_sheet(meshes, wires, front(view.camera, result.objects[0].spine[0].mean(axis=0)))
+            write_picture(folder / "views.png", sheet)
+        except RenderError as problem:
+            result.skipped["views.png"] = str(problem)
+
+
+def _write_video(result: Result, path: Path) -> None:
+    view, fps = result.scene.views[0], result.scene.output.video_fps
+    # a run that went astray may have states that no picture can hold
+    states = zip(*(o.history for o in result.objects), strict=True)
+    fit = [i for i, each in enumerate(states) if all(in_reach(view, nodes) for nodes, _, _ in each)]
+    if not fit:
+        result.skipped[path.name] = ASTRAY
+        return
+    shown = np.unique(np.rint(np.linspace(0, len(fit) - 1, SNAPSHOTS)).astype(int))
+    snapshots = [_snapshot(result, fit[i]) for i in shown]
+    way = front(view.camera, result.objects[0].spine[0].mean(axis=0))
+    try:
+        write_mp4(path, evolution_frames(view.image, snapshots, COLOURS, fps, front=way), fps)
+    except RenderError as problem:
+        result.skipped[path.name] = str(problem)
+
+
+def in_reach(view: View, nodes: np.ndarray) -> bool:
+    """Whether nodes, shape (..., 3), lie in the image or at most three of its sides from it."""
+    sides = np.array(view.image.shape[1::-1])
+    with np.errstate(all="ignore"):
+        points = view.camera.project(nodes)
+        return bool(np.all(np.isfinite(nodes)) and np.all(np.abs(points - sides / 2) < 3.5 * sides))
+
+
+def _snapshot(result: Result, i: int) -> Snapshot:
+    camera = result.scene.views[0].camera
+    states = [o.history[i] for o in result.objects]
+    drawings = []
+    for tube, (nodes, spine, _) in zip(result.scene.tubes, states, strict=True):
+        contour = [points for points, _ in occluding_contour(nodes, camera)]
+        drawings.append(_drawing(tube, camera, nodes, spine, contour, ()))
+    meshes = [refine(nodes, 64, 3 * nodes.shape[1]) for nodes, _, _ in states]
+    return Snapshot(drawings, meshes, f"sigma {states[0][2]:.3g} px")
+
+
+def _drawing(
+    tube: Tube, camera: Camera, nodes: np.ndarray, spine: np.ndarray, contour: Any, support: Any
+) -> Drawing:
+    given = tube.spine if tube.spine.shape[1] == 2 else camera.project(tube.spine)
+    wires = [camera.project(line) for line in wire(nodes)]
+    return Drawing(wires, contour, support, given, camera.project(spine))
+
+
+def _record(result: Result, names: list[str]) -> dict[str, Any]:
+    scene, settings = result.scene, dataclasses.asdict(result.settings)
+    unit = scene.units
+    objects = {}
+    for tube, o in zip(scene.tubes, result.objects, strict=True):
+        objects[o.name] = {
+            "converged": o.converged,
+            "trusted": o.trusted,
+            "warnings": o.warnings,
+            "iterations": o.iterations,
+            **o.measures,
+            "grid": tube.grid,
+            "material": dataclasses.asdict(tube.material),
+        }
+    return plain(
+        {
+            "run": {
+                "scene": scene.name,
+                "source": scene.source,
+                "written": datetime.now(UTC).isoformat(timespec="seconds"),
+                "device": result.device,
+                "image": {"width": scene.views[0].image.shape[1], "height": scene.views[0].image.shape[0]},
+                "camera": scene.views[0].camera.matrix,
+            },
+            "versions": {
+                "symseek": __version__,
+                "python": platform.python_version(),
+                **versions(),
+                "opengl": os.environ.get("PYOPENGL_PLATFORM", ""),
+            },
+            "settings": settings,
+            "forms": {
+                key: FORMS[value]
+                for key, value in settings.items()
+                if isinstance(value, str) and value in FORMS
+            },
+            "units": {
+                "world": unit,
+                "scale": f"{scene.scale:g} {unit} per pixel"
+                if scene.views[0].camera.affine
+                else "by the camera",
+                "length": unit,
+                "station": unit,
+                "radius": unit,
+                "area": f"{unit}^2",
+                "volume": f"{unit}^3",
+                "contour_residual_px": "pixels of the image",
+                "asymmetry": "share of the radius",
+                "supported_share": "share of the contour's length",
+            },
+            "seconds": {name: round(s, 4) for name, s in result.seconds.items()},
+            "objects": objects,
+            "skipped": result.skipped,
+            "files": names,
+        }
+    )
+
+
+def plain(value: Any) -> Any:
+    """A value as JSON knows it: arrays as lists, what is not finite as null."""
+    if isinstance(value, Mapping):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [plain(v) for v in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

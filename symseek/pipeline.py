@@ -1,0 +1,166 @@
+"""From a scene to a result and its files: where sim and render meet."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .checks import SceneError
+from .device import prepare
+from .folder import staging
+from .scene import Output, Scene, build, load
+from .sim import reconstruct as still
+from .sim.material import Material
+from .sim.problem import Settings
+
+Callback = Callable[[still.Progress], "bool | None"]
+"""Called each iteration; returning True stops the solver, and the result so far is measured."""
+
+
+@dataclasses.dataclass(kw_only=True)
+class Result(still.Result):
+    """What was found: `objects` with their meshes and measures, and how to save it all."""
+
+    scene: Scene
+    device: str
+    files: list[Path] = dataclasses.field(default_factory=list)
+    """written last."""
+    skipped: dict[str, str] = dataclasses.field(default_factory=dict)
+    """files that were asked for and could not be made, and why."""
+
+    def save(self, out: str | Path, tell: Callable[[str], None] = lambda text: None) -> list[Path]:
+        """Write the files of a run, all or none; without OpenGL all but views and video, see `skipped`.
+
+        Args:
+            out: folder, made if it is not there.
+            tell: called with a line of text before each slow part.
+
+        Returns:
+            paths of the files.
+
+        Raises:
+            SceneError: the folder cannot be written.
+        """
+        out = Path(out)
+        with staging(out) as stage:
+            return self._write(stage, out, tell)
+
+    def _write(self, stage: Path, out: Path, tell: Callable[[str], None]) -> list[Path]:
+        from .files import write  # pyrender and PyAV load half a second
+
+        self.files = [out / name for name in write(self, stage, tell)]
+        return self.files
+
+
+def reconstruct(
+    image: Scene | str | Path | np.ndarray,
+    spine: Iterable[Any] | None = None,
+    *,
+    name: str = "object",
+    radius: float | None = None,
+    depth: float = 0.0,
+    grid: tuple[int, int] = (25, 25),
+    units: str = "px",
+    scale: float | None = None,
+    ignore: str | Path | np.ndarray | None = None,
+    not_here: Iterable[Any] = (),
+    material: Material | Mapping[str, float] | None = None,
+    settings: Settings | Mapping[str, Any] | None = None,
+    output: Output | Mapping[str, Any] | None = None,
+    device: str = "cpu",
+    callback: Callback | None = None,
+) -> Result:
+    """Reconstruct one object from one orthographic photograph, or a whole scene.
+
+    Args:
+        image: path, "skimage:NAME", or array of shape (H, W) or (H, W, 1 to 4); or a Scene, which says all
+            that the other arguments but `device` and `callback` would.
+        spine: rough axis, shape (n, 2), image points (column, row).
+        name: of the object and its files.
+        radius: of the first tube [units]; None: from the image.
+        depth: of the spine [units].
+        grid: nodes around, nodes along.
+        units: of the world, "px" or "mm" and the like.
+        scale: units per pixel, needed where units are not "px".
+        ignore: mask (H, W) of what not to look at, or its file.
+        not_here: marks where the object is not, shape (k, 2), image points.
+        material: of the tube, whole or only what differs from the defaults.
+        settings: of the solver, likewise.
+        output: which files `save` writes, likewise.
+        device: Warp device.
+        callback: called each iteration with a Progress; returning True stops.
+
+    Returns:
+        the result, whose `save` writes all files.
+
+    Raises:
+        SceneError: an argument is at fault; its message names it as a scene file would.
+    """
+    if isinstance(image, Scene):
+        if spine is not None:
+            raise TypeError("a Scene holds its spines: give no spine beside it")
+        return _solve(image, device, callback)
+    view = {"image": image} | ({} if ignore is None else {"ignore": ignore})
+    tube: dict[str, Any] = {"name": name, "depth": depth, "grid": tuple(grid)}
+    tube |= {} if spine is None else {"spine": np.asarray(_listed(spine))}
+    tube |= {} if radius is None else {"radius": radius}
+    marks = _listed(not_here)
+    tube |= {"not_here": np.asarray(marks)} if len(marks) else {}
+    tube |= {} if material is None else {"material": material}
+    data: dict[str, Any] = {"name": name, "units": units, "view": [view], "object": [tube]}
+    data |= {} if scale is None else {"scale": scale}
+    data |= {} if settings is None else {"solver": settings}
+    data |= {} if output is None else {"output": output}
+    return _solve(build(data, Path.cwd(), "reconstruct"), device, callback)
+
+
+def _listed(points: Iterable[Any]) -> Any:
+    return points if isinstance(points, list | tuple | np.ndarray) else list(points)
+
+
+def run(
+    scene: Scene | str | Path,
+    out: str | Path | None = None,
+    device: str = "cpu",
+    *,
+    overrides: Iterable[str] = (),
+    callback: Callback | None = None,
+    tell: Callable[[str], None] = lambda text: None,
+) -> Result:
+    """Reconstruct a scene and write its files, as `symseek run` does.
+
+    Args:
+        scene: a scene, or the path of a scene file.
+        out: folder for the files; None: out/NAME in the working folder.
+        device: Warp device.
+        overrides: KEY=VALUE texts, for a path.
+        callback: called each iteration; returning True stops the solver.
+        tell: called with a line of text before each slow part.
+
+    Returns:
+        the result; its `files` are what was written.
+
+    Raises:
+        SceneError: scene, device or folder at fault; nothing was written.
+    """
+    if not isinstance(scene, Scene):
+        scene = load(scene, overrides)
+    out = Path("out") / scene.name if out is None else Path(out)
+    with staging(out) as stage:
+        result = _solve(scene, device, callback)
+        result._write(stage, out, tell)
+    return result
+
+
+def _solve(scene: Scene, device: str, callback: Callback | None) -> Result:
+    prepare(device)
+    try:
+        found = still.reconstruct(scene.views, scene.tubes, scene.settings, device, callback)
+    except ValueError as problem:  # bounds that only the solver knows, as a step too long for the scheme
+        raise SceneError(scene.source, "solver", str(problem)) from problem
+    found.seconds = {"read": scene.seconds, **found.seconds}
+    return Result(**vars(found), scene=scene, device=device)
