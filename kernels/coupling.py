@@ -8,6 +8,8 @@ SMALL = wp.constant(1.0e-9)
 WINDOW = wp.constant(4)
 """Segments of the spine either side that a ring's tangent looks at, each `FAR` times as important as the one before."""
 FAR = wp.constant(0.25)
+THINNEST = wp.constant(0.004)
+"""Radius below which a ring pushes itself open, in units of the initial length of the spine."""
 
 
 @wp.func
@@ -203,6 +205,8 @@ def tube_force(
         offset = v - spine_in[r]
         f += mass * symmetry(coupling[r, 2], radius_in[r], offset)
         f += mass * expansion(coupling[r, 3], offset, 0.1 * radius_in[r])
+        # a ring must not shrink through a point
+        f += mass * wp.max(THINNEST - radius_in[r], 0.0) * unit(v - centroid_in[r])
         # from the centroid, as the contraction that it cancels: from the spine it would push rings along it
         f += mass * coupling[r, 4] * radius_in[r] * unit(v - centroid_in[r])
         f += mass * upright(coupling[r, 5], v - centroid_in[r], tangent_in[r])
@@ -232,17 +236,21 @@ def spine_force(
     # state in
     spine_in: wp.array[wp.vec3],
     natural_in: wp.array[wp.vec3],
+    tension_in: wp.array[wp.vec3],
     centroid_in: wp.array[wp.vec3],
     tilt_in: wp.array[wp.vec3],
     # out
     force_out: wp.array[wp.vec3],
 ):
-    """Sets the force on each spine node: (4) with natural curvature, f_a of (7), upright rings."""
+    """Sets the force on each spine node: (4) with natural curvature and lengths, f_a of (7), upright rings."""
     r = wp.tid()
     ns = tube_ns[ring_tube[r]]
     h = 1.0 / float(ns - 1)
     f = elastic.line_force(spine_in, w1, w2, r, 1, ring_s[r], ns, h)
     f += elastic.bent_force(spine_in, natural_in, w2, r, ring_s[r], ns, h)
+    f += tension_in[r]
+    if ring_s[r] > 0:
+        f -= tension_in[r - 1]
     f += upright_spine(coupling[r, 5], tilt_in, r, ring_s[r], ns - 1)
     mass = end_mass(ring_s[r], ns)
     f += mass * hold_depth(coupling[r, 7], depth_rest[r], eyes[0], spine_in[r])

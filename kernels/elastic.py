@@ -2,6 +2,9 @@
 
 import warp as wp
 
+CLOSEST = wp.constant(0.1)
+"""Least length of an edge of the spine, over the mean one."""
+
 
 @wp.func
 def bend(p: wp.vec3, q: wp.vec3, r: wp.vec3):
@@ -117,20 +120,26 @@ def bent_force(
 
 
 @wp.kernel(enable_backward=False)
-def relax_bend(
+def relax_spine(
     # model
     tube_ring: wp.array[int],
     tube_ns: wp.array[int],
     basis: wp.array2d[float],
+    k1: wp.array[float],
     # state in
     spine_in: wp.array[wp.vec3],
+    tangent_in: wp.array[wp.vec3],
     # out
     natural_out: wp.array[wp.vec3],
+    tension_out: wp.array[wp.vec3],
 ):
-    """Sets the spine's natural second difference to the part of its own that a low polynomial in s describes.
+    """Sets the spine's natural second difference and the push of its least lengths L1 (section 3) in each edge.
 
-    A spine then resists wriggles, not an even bend: its rigidity may be strong without pulling a banana straight.
-    `basis` holds orthonormal polynomials on the interior nodes, 0 at the ends.
+    The natural bend is the part of its own that a low polynomial in s describes:
+
+    a spine then resists wriggles, not an even bend, so rigidity does not pull a banana straight.
+    `basis` holds orthonormal polynomials on the interior nodes, 0 at the ends. Edges may shorten freely, as they do under
+    a flat end, but a node never passes the next one.
     """
     k = wp.tid()
     start = tube_ring[k]
@@ -143,3 +152,13 @@ def relax_bend(
             p += basis[start + i, j] * bend(spine_in[start + i - 1], spine_in[start + i], spine_in[start + i + 1])
         for i in range(1, n - 1):
             natural_out[start + i] = natural_out[start + i] + basis[start + i, j] * p
+    whole = float(0.0)
+    for i in range(n - 1):
+        whole += wp.length(spine_in[start + i + 1] - spine_in[start + i])
+    least = CLOSEST * whole / float(n - 1)
+    scale = k1[k] * float((n - 1) * (n - 1))
+    for i in range(n - 1):
+        along = wp.normalize(tangent_in[start + i] + tangent_in[start + i + 1])
+        short = wp.dot(spine_in[start + i + 1] - spine_in[start + i], along) - least
+        tension_out[start + i] = scale * wp.min(short, 0.0) * along
+    tension_out[start + n - 1] = wp.vec3(0.0)

@@ -17,6 +17,8 @@ def split_modes(
     first_mode: wp.array[float],
     step: wp.array2d[float],
     # state in
+    tube_in: wp.array[wp.vec3],
+    centroid_in: wp.array[wp.vec3],
     force_in: wp.array[wp.vec3],
     spine_force_in: wp.array[wp.vec3],
     # scalars
@@ -26,7 +28,7 @@ def split_modes(
     low_out: wp.array[wp.vec3],
     residual_out: wp.array[float],
 ):
-    """Sets dt R apart into the ring's modes k = 0, +-1 (with a longer step) and the rest; and the ring's mean |R|^2.
+    """Sets dt R apart into the ring's modes k = 0, +-1 (with a longer step) and the rest; and the squared residual of place and radius.
 
     `low_out` holds four lines of `rings` entries: mean, cosine, sine, spine. `first_mode` is the ring's stiffness in
     mode 1. A closed end has its mean alone.
@@ -40,16 +42,16 @@ def split_modes(
     mean = wp.vec3(0.0)
     cosine = wp.vec3(0.0)
     sine = wp.vec3(0.0)
-    square = float(0.0)
+    radial = float(0.0)
     for x in range(n):
         f = force_in[start + x]
         angle = TURN * float(x) / float(n)
         mean += f
         cosine += wp.cos(angle) * f
         sine += wp.sin(angle) * f
-        square += wp.dot(f, f)
+        radial += wp.dot(f, wp.normalize(tube_in[start + x] - centroid_in[r]))
     mean /= float(n)
-    low_out[3 * rings + r] = dt * spine_force_in[r]
+    low_out[3 * rings + r] = step[k, 2] * spine_force_in[r]
     if ring_closed[r] != 0:
         residual_out[r] = wp.dot(mean, mean)
         low_out[r] = slow * mean
@@ -58,7 +60,8 @@ def split_modes(
         for x in range(n):
             delta_out[start + x] = wp.vec3(0.0)
         return
-    residual_out[r] = square / float(n)
+    # the other modes relax within a few steps, down to the rounding of float32
+    residual_out[r] = wp.dot(mean, mean) + radial * radial / float(n * n)
     cosine *= 2.0 / float(n)
     sine *= 2.0 / float(n)
     first = slow / (1.0 + slow * first_mode[r])
@@ -152,17 +155,24 @@ def advance(
     low_in: wp.array[wp.vec3],
     # scalars
     rings: int,
+    momentum: float,
     # out
     tube_out: wp.array[wp.vec3],
     spine_out: wp.array[wp.vec3],
+    velocity_out: wp.array[wp.vec3],
+    spine_velocity_out: wp.array[wp.vec3],
 ):
-    """Adds the step to tube and spine; the spine goes along with its ring's mean, so that (7) and (8) stay at rest."""
+    """Adds the step and `momentum` times the one before to tube and spine."""
     i = wp.tid()
     r = node_ring[i]
     x = i - ring_node[r]
     angle = TURN * float(x) / float(tube_nx[ring_tube[r]])
     mean = low_in[r]
     d = delta_in[i] + mean + wp.cos(angle) * low_in[rings + r] + wp.sin(angle) * low_in[2 * rings + r]
+    d += momentum * velocity_out[i]
+    velocity_out[i] = d
     tube_out[i] = tube_out[i] + d
     if x == 0:
-        spine_out[r] = spine_out[r] + low_in[3 * rings + r] + mean
+        e = low_in[3 * rings + r] + momentum * spine_velocity_out[r]
+        spine_velocity_out[r] = e
+        spine_out[r] = spine_out[r] + e

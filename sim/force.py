@@ -38,16 +38,16 @@ def add_forces(model: Model, state: State, contour_kind: str, literal: bool, tau
         device=m.device,
     )  # fmt: skip
     wp.launch(
-        elastic.relax_bend,
+        elastic.relax_spine,
         m.tubes,
-        inputs=[m.tube_ring, m.tube_ns, m.bend_basis, s.spine],
-        outputs=[s.natural_bend],
+        inputs=[m.tube_ring, m.tube_ns, m.bend_basis, m.k1, s.spine, s.tangent],
+        outputs=[s.natural_bend, s.tension],
         device=m.device,
     )
     wp.launch(
         coupling.spine_force,
         m.rings,
-        inputs=[m.ring_tube, m.ring_s, m.tube_ns, m.w1, m.w2, m.coupling, m.depth_rest, m.eyes, s.spine, s.natural_bend, s.centroid, s.tilt],
+        inputs=[m.ring_tube, m.ring_s, m.tube_ns, m.w1, m.w2, m.coupling, m.depth_rest, m.eyes, s.spine, s.natural_bend, s.tension, s.centroid, s.tilt],
         outputs=[s.spine_force],
         device=m.device,
     )

@@ -8,6 +8,10 @@ from .camera import Camera
 from .foreground import axis_curve
 
 
+GATHER = 0.3
+"""How much closer the rings of a closed tube stand at its ends than evenly: caps need them more than the body."""
+
+
 def lift(points: np.ndarray, camera: Camera, depth: float) -> np.ndarray:
     """World points of image points at a depth along the view's axis.
 
@@ -63,14 +67,17 @@ def initial_tube(axis: np.ndarray, radius: float, grid: tuple[int, int], closed:
         tube (N_x, N_s, 3), spine (N_s, 3).
     """
     nx, ns = grid
-    spine = axis_curve(axis, ns)
+    s = np.linspace(0, 1, ns)
+    fine = axis_curve(axis, 40 * ns)
+    place = s - GATHER * np.sin(2 * np.pi * s) / (2 * np.pi) if closed else s
+    spine = np.stack([np.interp(place, np.linspace(0, 1, 40 * ns), fine[:, i]) for i in range(3)], axis=1)
     _, normal, binormal = frames(spine)
     angle = 2 * np.pi * np.arange(nx) / nx
     circle = np.cos(angle)[:, None, None] * normal + np.sin(angle)[:, None, None] * binormal
     r = np.full(ns, radius)
     if closed:
         length = np.linalg.norm(np.diff(axis, axis=0), axis=1).sum()
-        reach = np.minimum(np.linspace(0, length, ns), np.linspace(length, 0, ns))
+        reach = length * np.minimum(place, 1 - place)
         cap = min(radius, 0.25 * length)
         r = radius * np.sqrt(np.clip(1 - np.clip(1 - reach / cap, 0, 1) ** 2, 0, 1))
         r[[0, -1]] = 0.0

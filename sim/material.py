@@ -15,7 +15,9 @@ class Material:
 
     w1: float = 0.0
     """tension of the spine (2)."""
-    w2: float = 1e-5
+    k1: float = 1e-2
+    """K1 of the spine's least lengths L1: it pushes nodes apart before they meet, and has no tension otherwise."""
+    w2: float = 3e-6
     """rigidity of the spine (2)."""
     w10: float = 0.0
     """tension of the tube around (3)."""

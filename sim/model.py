@@ -11,8 +11,7 @@ from .camera import Camera
 SPINE_TO_RING, REACTION, SYMMETRY, EXPAND, BALANCE, UPRIGHT, CENTRE, DEPTH = range(8)
 """Columns of `Model.coupling`."""
 
-import os
-BEND_DEGREE = int(os.environ.get("DEG",2))
+BEND_DEGREE = 3
 """Degree in s of the bend that a spine takes on as its natural one (natural curvature, section 3)."""
 
 
@@ -30,6 +29,7 @@ class Model:
         coupling: columns a, reaction, b, c, balance, d, centre, depth, shape (R, 8)
         depth_rest: depth along the line of sight that `depth` holds, shape (R,).
         bend_basis: orthonormal polynomials in s of each spine, shape (R, BEND_DEGREE + 1).
+        k1: tension factor K1 of edges that are too short, shape (K,).
         eyes: cameras in each tube's units, shape (V,) (see `set_cameras`).
         fields: potential of each tube in each view, shape (K, V).
         samples: all potentials' samples, (pull column, pull row, pressure, pressure at a pole) [px].
@@ -69,6 +69,7 @@ class Model:
             inner = np.polynomial.legendre.legvander(np.linspace(-1, 1, ns - 2), BEND_DEGREE)
             basis[self.rings_of(k)][1:-1] = np.linalg.qr(inner)[0]
         self.bend_basis = wp.array(basis, dtype=float, device=device)
+        self.k1 = wp.zeros(self.tubes, dtype=float, device=device)
         self.depth_rest = wp.zeros(self.rings, dtype=float, device=device)
         self.eyes = wp.zeros(views, dtype=projection.Eye, device=device)
         self.fields = wp.zeros((self.tubes, views), dtype=image.Field, device=device)
@@ -109,9 +110,10 @@ class State:
             return wp.zeros(n, dtype=float, device=model.device)
 
         self.tube, self.spine = vectors(model.nodes), vectors(model.rings)
+        self.velocity, self.spine_velocity = vectors(model.nodes), vectors(model.rings)
         self.force, self.spine_force = vectors(model.nodes), vectors(model.rings)
         self.normal, self.facing = vectors(model.nodes), scalars(model.nodes)
-        self.natural_bend = vectors(model.rings)
+        self.natural_bend, self.tension = vectors(model.rings), vectors(model.rings)
         self.centroid, self.tangent, self.tilt = (vectors(model.rings) for _ in range(3))
         self.radius, self.gap = scalars(model.rings), scalars(model.rings)
         self.delta, self.low = vectors(model.nodes), vectors(4 * model.rings)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import os
+
 from scipy import ndimage
 
 from .camera import Camera
@@ -18,7 +18,7 @@ FLOOR = 0.1
 """Share of the strongest edge below which an edge pulls less and less."""
 RANGE = 3.0
 """Longest pull, in sigmas."""
-COARSEST, FALL, FINEST, FINEST_PX = 0.4, 0.5, float(os.environ.get("FIN",.03)), float(os.environ.get("FPX",1.2))
+COARSEST, FALL, FINEST, FINEST_PX = 0.3, 0.5, 0.02, 1.0
 """First sigma, ratio of one to the next, last sigma: in half widths of the object, the last not below FINEST_PX samples."""
 
 
@@ -129,7 +129,7 @@ class ScaleSpace:
         if self.settings.potential == "map":
             # an outline smoothed by sigma has slope 1 / (sigma sqrt(2 pi)): a unit spring at the edge
             push = np.sqrt(np.pi / 2) * s * (2 * smooth - 1)
-            unsaid = floor / (p + floor) if s * self.step < 0.25 * self.map.half_width else np.ones_like(p)
+            unsaid = floor / (p + floor) if sigma < 0.15 * self.map.half_width else np.ones_like(p)
             pull *= (1 - unsaid)[..., None] if unsaid.min() == 1 else 1.0
             pressure = unsaid * push
             # on an outline found from both sides a pole is left alone: pushed there, it would slide along

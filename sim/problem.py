@@ -54,9 +54,9 @@ class Settings:
     """"normalised" or "paper": the plain gradient of (11) times `gain`."""
     sigmas: tuple[float, ...] | None = None
     """falling smoothing scales [px of the first view]; None: from the object's half width."""
-    iterations: int = 2000
+    iterations: int = 3000
     """most iterations in all."""
-    tolerance: float = 2e-5
+    tolerance: float = 3e-6
     """residual force at which a stage is at rest [initial spine lengths]."""
     tau: float = 0.05
     """threshold of (12), used by "switch"."""
@@ -64,5 +64,7 @@ class Settings:
     """of the image force."""
     step: float = 0.4
     """time step dt."""
-    slow: float = 6.0
+    slow: float = 12.0
     """factor of the step for a ring's slow modes (acceleration); 1 is the plain scheme."""
+    momentum: float = 0.6
+    """share of a step that the next one repeats (acceleration of all slow modes); 0 is the plain scheme."""

@@ -29,6 +29,8 @@ LINE_LOAD = 0.04
 """Stiffness of the contour: force a displacement for each unit of contour length and of s."""
 CHECK = 10
 """Iterations between two looks at the residual."""
+COARSE = 10.0
+"""How much more residual a coarse scale may keep: the next scale moves the tube further than that anyway."""
 
 
 @dataclass
@@ -166,14 +168,13 @@ class _Run:
             mat, nodes, rings = tube.material, m.nodes_of(k), m.rings_of(k)
             for n in ("w10", "w20", "w11", "w01"):
                 node[n][nodes] = getattr(mat, n)
-            import os
-            e = lambda k, d: float(os.environ.get(k, d))
-            node["w02"][nodes] = mat.w02 * max(share, e("W02F", .01))
-            ring["w1"][rings], ring["w2"][rings] = mat.w1, mat.w2 * max(share, e("W2F", .01))
+            node["w02"][nodes] = mat.w02 * share
+            ring["w1"][rings], ring["w2"][rings] = mat.w1, mat.w2 * share
             lap = (2 * np.sin(np.pi / tube.grid[0]) * tube.grid[0]) ** 2
             depth = mat.depth if len(self.views) == 1 else 0.0
             balance = mat.c_balance * (mat.w10 * lap + mat.w20 * lap**2)
             coupling[rings] = [mat.a, mat.a * mat.reaction, mat.b, mat.c, balance, mat.d, mat.centre, depth]
+        m.k1.assign(np.array([t.material.k1 for t in self.tubes], np.float32))
         for name, value in (*node.items(), *ring.items(), ("coupling", coupling)):
             getattr(m, name).assign(value)
 
@@ -243,7 +244,7 @@ def reconstruct(
     lists = [sigma_list(m.half_width, s.step, settings.sigmas) for m, s in zip(run.maps, run.spaces, strict=True)]
     stages = max(len(x) for x in lists)
     run.set_material(1.0)
-    solver = make_solver(settings.scheme, run.model, settings.step, settings.slow)
+    solver = make_solver(settings.scheme, run.model, settings.step, settings.slow, settings.momentum)
     literal = settings.force == "paper"
 
     def iterate() -> None:
@@ -265,8 +266,10 @@ def reconstruct(
         run.set_potentials(current)
         lap("potential")
         run.hold_depth()
-        run.set_material((sigmas[0] / lists[0][0]) ** 2)
+        run.set_material(max(0.01, (sigmas[0] / lists[0][0]) ** 2))
         solver.material_changed()
+        run.state.velocity.zero_()
+        run.state.spine_velocity.zero_()
         progress.stage, progress.sigma = stage, sigmas[0]
         if graph is None:
             with wp.ScopedCapture(device=device, force_module_load=False) as capture:
@@ -282,7 +285,7 @@ def reconstruct(
             progress.iteration += 1
             if i % CHECK == CHECK - 1:
                 progress.residual = float(np.sqrt(run.state.residual.numpy().mean()))
-                converged = progress.residual < settings.tolerance
+                converged = progress.residual < settings.tolerance * (1 if stage == stages - 1 else COARSE)
             if callback and callback(progress):
                 stop = True
             if converged or stop:

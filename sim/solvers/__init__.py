@@ -13,11 +13,11 @@ __all__ = ["SCHEMES", "Solver", "SolverADI", "SolverEuler", "SolverJacobi", "mak
 SCHEMES: dict[str, type[Solver]] = {"adi": SolverADI, "jacobi": SolverJacobi, "euler": SolverEuler}
 
 
-def make_solver(scheme: str, model: Model, dt: float, slow: float) -> Solver:
+def make_solver(scheme: str, model: Model, dt: float, slow: float, momentum: float) -> Solver:
     """The solver named `scheme`.
 
     Raises:
         KeyError: no scheme of that name.
         ValueError: the scheme cannot bear the step `dt`.
     """
-    return SCHEMES[scheme](model, dt, slow)
+    return SCHEMES[scheme](model, dt, slow, momentum)

@@ -17,7 +17,7 @@ HELD = 1e6
 class SolverADI(Solver):
     """The paper's operator splitting; bears any step of the elastic forces, dt <= 1 of coupling and image forces."""
 
-    def __init__(self, model: Model, dt: float, slow: float):
+    def __init__(self, model: Model, dt: float, slow: float, momentum: float):
         n, r = model.nodes, model.rings
         device = model.device
 
@@ -29,7 +29,7 @@ class SolverADI(Solver):
         self.x_edge = wp.zeros((r, 6), dtype=float, device=device)
         self.s_factor = [zeros(n) for _ in range(3)]
         self.low_factor = [zeros(4 * r) for _ in range(3)]
-        super().__init__(model, dt, slow)
+        super().__init__(model, dt, slow, momentum)
 
     def material_changed(self) -> None:
         super().material_changed()
@@ -37,6 +37,7 @@ class SolverADI(Solver):
         host = {k: getattr(m, k).numpy().astype(float) for k in ("w10", "w20", "w01", "w02", "w1", "w2")}
         coupling = m.coupling.numpy().astype(float)
         x = {k: np.zeros((m.nodes, *v.shape[1:])) for k, v in self._empty_x().items()}
+        tie, k1 = self.tie(), m.k1.numpy()
         corner, edge = np.zeros((m.rings, 3)), np.zeros((m.rings, 6))
         s = np.zeros((3, m.nodes))
         low = np.zeros((3, 4, m.rings))
@@ -53,10 +54,10 @@ class SolverADI(Solver):
             corner[rings], edge[rings] = factors["corner"], factors["edge"]
             s[:, nodes] = np.moveaxis(self._along(grid["w01"].T, grid["w02"].T, self.dt, closed), 2, 1).reshape(3, -1)
             tension, rigidity = grid["w01"].mean(1)[None], grid["w02"].mean(1)[None]
-            low[:, 0, rings] = self._along(tension, rigidity, self.slow_dt, False)[:, 0]
+            low[:, 0, rings] = self._along(tension, rigidity, self.slow_dt, False, extra=tie[rings])[:, 0]
             low[:, 1:3, rings] = self._along(tension, rigidity, self.slow_dt, closed)
             a = coupling[rings, SPINE_TO_RING]
-            spine = self._along(host["w1"][rings][None], host["w2"][rings][None], self.dt, False, extra=a)
+            spine = self._along(host["w1"][rings][None] + k1[k], host["w2"][rings][None], self.spine_dt, False, extra=a)
             low[:, 3, rings] = spine[:, 0]
         for key in x:
             self.x_factor[key].assign(x[key].astype(np.float32))

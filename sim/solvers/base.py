@@ -6,7 +6,10 @@ import numpy as np
 import warp as wp
 
 from ...kernels import integrate
-from ..model import Model, State
+from ..model import DEPTH, REACTION, SYMMETRY, UPRIGHT, Model, State
+
+SPINE = 5.0
+"""Step of the spine over that of the slow modes."""
 
 
 class Solver:
@@ -16,10 +19,12 @@ class Solver:
     image reaches through two nodes only, take a step `slow` times as long.
     """
 
-    def __init__(self, model: Model, dt: float, slow: float):
-        self.model, self.dt, self.slow_dt = model, dt, dt * slow
+    def __init__(self, model: Model, dt: float, slow: float, momentum: float):
+        self.momentum = momentum
+        # the spine has next to no inertia: it follows its rings at once
+        self.model, self.dt, self.slow_dt, self.spine_dt = model, dt, dt * slow, SPINE * dt * slow
         self.step_size = wp.array(
-            np.tile(np.array([dt, dt * slow], np.float32), (model.tubes, 1)), dtype=float, device=model.device
+            np.tile(np.array([dt, self.slow_dt, self.spine_dt], np.float32), (model.tubes, 1)), dtype=float, device=model.device
         )
         self.first_mode = wp.zeros(model.rings, dtype=float, device=model.device)
         self.material_changed()
@@ -36,7 +41,14 @@ class Solver:
                 mean = np.bincount(node_ring, w, self.model.rings) / count
                 rows = self.model.rings_of(k)
                 stiffness[rows] += factor * mean[rows]
+        coupling = self.model.coupling.numpy()
+        stiffness += 0.5 * coupling[:, SYMMETRY] + coupling[:, UPRIGHT]
         self.first_mode.assign(stiffness.astype(np.float32))
+
+    def tie(self) -> np.ndarray:
+        """Stiffness of the ties of a ring's mean to the spine and to its depth, (7) and (8), shape (R,)."""
+        coupling = self.model.coupling.numpy().astype(float)
+        return coupling[:, REACTION] + 0.5 * coupling[:, SYMMETRY] + coupling[:, DEPTH]
 
     def solve_lines(self, state: State) -> None:
         """Turns dt R in `state.delta` and `state.low` into the step, in place."""
@@ -50,7 +62,7 @@ class Solver:
             m.rings,
             inputs=[
                 m.ring_tube, m.ring_node, m.tube_nx, m.ring_closed, self.first_mode, self.step_size,
-                s.force, s.spine_force, m.rings,
+                s.tube, s.centroid, s.force, s.spine_force, m.rings,
             ],
             outputs=[s.delta, s.low, s.residual],
             device=m.device,
@@ -59,8 +71,8 @@ class Solver:
         wp.launch(
             integrate.advance,
             m.nodes,
-            inputs=[m.node_ring, m.ring_tube, m.ring_node, m.tube_nx, s.delta, s.low, m.rings],
-            outputs=[s.tube, s.spine],
+            inputs=[m.node_ring, m.ring_tube, m.ring_node, m.tube_nx, s.delta, s.low, m.rings, self.momentum],
+            outputs=[s.tube, s.spine, s.velocity, s.spine_velocity],
             device=m.device,
         )
 

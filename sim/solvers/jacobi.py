@@ -14,10 +14,10 @@ from .factor import cyclic_bands, open_bands
 class SolverJacobi(Solver):
     """Bears any step of the elastic forces, since each node is divided by its own stiffness; slow for stiff tubes."""
 
-    def __init__(self, model: Model, dt: float, slow: float):
+    def __init__(self, model: Model, dt: float, slow: float, momentum: float):
         self.inverse = wp.zeros(model.nodes, dtype=float, device=model.device)
         self.low_inverse = wp.zeros(4 * model.rings, dtype=float, device=model.device)
-        super().__init__(model, dt, slow)
+        super().__init__(model, dt, slow, momentum)
 
     def material_changed(self) -> None:
         super().material_changed()
@@ -30,6 +30,7 @@ class SolverJacobi(Solver):
         m = self.model
         coupling = m.coupling.numpy().astype(float)
         host = {k: getattr(m, k).numpy().astype(float) for k in ("w10", "w20", "w01", "w02", "w1", "w2")}
+        k1 = m.k1.numpy()
         node, low = np.zeros(m.nodes), np.zeros((4, m.rings))
         for k, (nx, ns) in enumerate(m.grids):
             nodes, rings = m.nodes_of(k), m.rings_of(k)
@@ -39,7 +40,8 @@ class SolverJacobi(Solver):
             along = along / end_mass(ns)[:, None]
             node[nodes] = (around + along + coupling[rings, SYMMETRY][:, None]).reshape(-1)
             low[:3, rings] = along.max(axis=1)
-            spine = row_sum(open_bands(host["w1"][rings][None], host["w2"][rings][None], 1 / (ns - 1)), cyclic=False)[0]
+            low[0, rings] += 2 * self.tie()[rings]
+            spine = row_sum(open_bands(host["w1"][rings][None] + k1[k], host["w2"][rings][None], 1 / (ns - 1)), cyclic=False)[0]
             low[3, rings] = spine / end_mass(ns) + coupling[rings, SPINE_TO_RING]
         return node, low
 
@@ -54,7 +56,7 @@ class SolverJacobi(Solver):
         node, low = self.stiffness()
         mass, low_mass = self.masses()
         # half the sum of a row of |K| keeps Jacobi's sweep stable for fourth differences, where the diagonal alone is not
-        dt = np.array([self.slow_dt, self.slow_dt, self.slow_dt, self.dt])[:, None]
+        dt = np.array([self.slow_dt, self.slow_dt, self.slow_dt, self.spine_dt])[:, None]
         return 1 / (mass * (1 + 0.5 * self.dt * node)), 1 / (low_mass * (1 + 0.5 * dt * low))
 
     def solve_lines(self, state: State) -> None:
