@@ -62,9 +62,7 @@ def normals(
     r = node_ring[i]
     k = ring_tube[r]
     start = ring_node[r]
-    m = surface_normal(
-        tube_in, start, i - start, tube_nx[k], ring_s[r], tube_ns[k], centroid_in, r, ring_closed[r]
-    )
+    m = surface_normal(tube_in, start, i - start, tube_nx[k], ring_s[r], tube_ns[k], centroid_in, r, ring_closed[r])
     normal_out[i] = m
     facing_out[i] = wp.dot(projection.sight(eyes[view], tube_in[i]), m)
 
@@ -116,9 +114,7 @@ def crossing(
 @wp.func
 def along_ring(v: wp.array[wp.vec3], normal: wp.array[wp.vec3], facing: wp.array[float], start: int, x: int, n: int):
     """Crossing on the edge of a ring from x to x + 1."""
-    return crossing(
-        v, normal, facing, start + (x + n - 1) % n, start + x, start + (x + 1) % n, start + (x + 2) % n
-    )
+    return crossing(v, normal, facing, start + (x + n - 1) % n, start + x, start + (x + 1) % n, start + (x + 2) % n)
 
 
 @wp.func

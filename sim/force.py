@@ -47,7 +47,21 @@ def add_forces(model: Model, state: State, contour_kind: str, literal: bool, tau
     wp.launch(
         coupling.spine_force,
         m.rings,
-        inputs=[m.ring_tube, m.ring_s, m.tube_ns, m.w1, m.w2, m.coupling, m.depth_rest, m.eyes, s.spine, s.natural_bend, s.tension, s.centroid, s.tilt],
+        inputs=[
+            m.ring_tube,
+            m.ring_s,
+            m.tube_ns,
+            m.w1,
+            m.w2,
+            m.coupling,
+            m.depth_rest,
+            m.eyes,
+            s.spine,
+            s.natural_bend,
+            s.tension,
+            s.centroid,
+            s.tilt,
+        ],
         outputs=[s.spine_force],
         device=m.device,
     )

@@ -21,6 +21,8 @@ CORE, FAR, MARGIN = 0.02, 0.45, 0.75
 """Surely object within, surely background beyond, image looked at within: distance to the axis / its length."""
 PRIOR, SEED = 0.003, 10.0
 """Weights of prior and seeds against the image's edges."""
+UNEVEN, SLACK, SHORT = 1.5, 0.05, 0.3
+"""Farthest that the object reaches to the side: times its width on the narrow side, plus lengths of the axis; past its ends."""
 BINS = 32
 
 
@@ -155,10 +157,8 @@ def foreground(
         known = resample((~ignore).astype(np.float32), lo, step, shape) > 0.5
     line = (curve - lo) / step
     rows, cols = np.mgrid[: shape[0], : shape[1]]
-    on_axis = np.ones(shape, bool)
-    ij = np.clip(np.rint(axis_curve(line, 600)[:, ::-1]).astype(int), 0, np.array(shape) - 1)
-    on_axis[ij[:, 0], ij[:, 1]] = False
-    dist = ndimage.distance_transform_edt(on_axis) / AXIS
+    off, place = _from_axis(line, shape)
+    dist = off / AXIS
     core, far = dist <= max(CORE, 1.0 / AXIS), dist > FAR
     if not_here is not None:
         for p in (np.asarray(not_here, float).reshape(-1, 2) - lo) / step:
@@ -171,6 +171,7 @@ def foreground(
     laplacian = _edges(x)
     inside = core.astype(float)
     mine = core & known
+    reach = np.full(len(line), np.inf)
     for _ in range(ROUNDS):
         fore = _histogram(cells, mine & known, channels)
         back = _histogram(cells, far & known if not mine[~core].any() else ~mine & known, channels)
@@ -178,12 +179,38 @@ def foreground(
         prior = 1 / (1 + np.exp(-np.clip(0.5 * ratio, -6, 6)))
         # a click beside the object has put its seeds on the background's colours
         sure = core & (ratio > -1.0)
-        prior[sure], prior[far] = 1.0, 0.0
-        weight = np.where(known, PRIOR, 1e-6) + np.where(sure | far, SEED, 0.0)
+        beyond = far | (off > reach[place])
+        prior[sure], prior[beyond] = 1.0, 0.0
+        weight = np.where(known, PRIOR, 1e-6) + np.where(sure | beyond, SEED, 0.0)
         inside = _solve(laplacian, weight, prior, inside)
         mine = _at_axis(inside, line) | sure
+        reach = _reach(mine, line)
     inside = _soft(inside)
     return Foreground(inside, step, (float(lo[0]), float(lo[1])), length, *_half_width(inside, line, step, lo))
+
+
+def _from_axis(line: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+    """Of each sample: distance to the axis [samples] and which of the axis' points is nearest."""
+    dense = axis_curve(line, 4 * len(line))
+    ij = np.clip(np.rint(dense[:, ::-1]).astype(int), 0, np.array(shape) - 1)
+    index = np.full(shape, -1)
+    index[ij[:, 0], ij[:, 1]] = np.arange(len(dense)) // 4
+    off, (i, j) = ndimage.distance_transform_edt(index < 0, return_indices=True)
+    return off, index[i, j]
+
+
+def _reach(mine: np.ndarray, line: np.ndarray) -> np.ndarray:
+    """How far from each point of the axis the object may reach [samples].
+
+    A roundish object is about as wide on one side of its axis as on the other, so what has leaked out on one side
+    is cut off by the width of the other. Beyond its ends the axis may have been drawn short.
+    """
+    depth = ndimage.distance_transform_edt(np.pad(mine, 1))[1:-1, 1:-1]
+    width = ndimage.map_coordinates(depth, line.T[::-1], order=1, mode="nearest")
+    width = ndimage.maximum_filter1d(width, len(line) // 8, mode="nearest")
+    reach = UNEVEN * width + SLACK * AXIS
+    along = np.linspace(0, AXIS, len(line))
+    return np.maximum(reach, SHORT * AXIS - 2 * np.minimum(along, AXIS - along))
 
 
 def _solve(laplacian: sparse.csr_array, weight: np.ndarray, prior: np.ndarray, start: np.ndarray) -> np.ndarray:

@@ -7,7 +7,6 @@ import numpy as np
 from .camera import Camera
 from .foreground import axis_curve
 
-
 GATHER = 0.3
 """How much closer the rings of a closed tube stand at its ends than evenly: caps need them more than the body."""
 

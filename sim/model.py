@@ -41,7 +41,12 @@ class Model:
         nodes = [nx * ns for nx, ns in grids]
         self.node_start = np.concatenate([[0], np.cumsum(nodes)])
         self.ring_start = np.concatenate([[0], np.cumsum([ns for _, ns in grids])])
-        self.nodes, self.rings, self.tubes, self.views = int(sum(nodes)), int(self.ring_start[-1]), len(grids), views
+        self.nodes, self.rings, self.tubes, self.views = (
+            int(sum(nodes)),
+            int(self.ring_start[-1]),
+            len(grids),
+            views,
+        )
         ring_tube = np.repeat(np.arange(self.tubes), [ns for _, ns in grids])
         ring_s = np.concatenate([np.arange(ns) for _, ns in grids])
         ring_node = np.concatenate([b + nx * np.arange(ns) for b, (nx, ns) in zip(self.node_start, grids, strict=False)])
@@ -57,7 +62,10 @@ class Model:
         self.node_ring = ints(np.repeat(np.arange(self.rings), np.array([nx for nx, _ in grids])[ring_tube]))
         self.ring_tube, self.ring_node, self.ring_s = ints(ring_tube), ints(ring_node), ints(ring_s)
         self.ring_closed = ints(ring_closed)
-        self.tube_nx, self.tube_ns = ints(np.array([g[0] for g in grids])), ints(np.array([g[1] for g in grids]))
+        self.tube_nx, self.tube_ns = (
+            ints(np.array([g[0] for g in grids])),
+            ints(np.array([g[1] for g in grids])),
+        )
         self.tube_node, self.tube_ring = ints(self.node_start[:-1]), ints(self.ring_start[:-1])
         self.line_tube, self.line_x, self.lines = ints(line_tube), ints(line_x), len(line_x)
         for name in ("w10", "w20", "w11", "w01", "w02"):

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-
 from scipy import ndimage
 
 from .camera import Camera
@@ -16,6 +15,8 @@ WIDE = 64.0
 """Most samples for an object's half width: finer images are sampled down, so that work does not grow with them."""
 FLOOR = 0.1
 """Share of the strongest edge below which an edge pulls less and less."""
+AROUND = 1.0
+"""What is looked at beyond the map's object, in half widths."""
 RANGE = 3.0
 """Longest pull, in sigmas."""
 COARSEST, FALL, FINEST, FINEST_PX = 0.3, 0.5, 0.02, 1.0
@@ -73,9 +74,7 @@ class ScaleSpace:
     def __init__(self, view: View, camera: Camera, map_: Foreground, settings: Settings):
         self.settings, self.map = settings, map_
         self.step = max(1.0, map_.half_width / WIDE)
-        h, w = map_.inside.shape
-        extent = (np.array([w, h]) - 1) * map_.step
-        self.origin = np.array(map_.origin)
+        self.origin, extent = self._box()
         self.shape = tuple(int(v) for v in np.floor(extent / self.step)[::-1] + 1)
         self.image = resample(colours(view.image), self.origin, self.step, self.shape)
         if settings.potential == "brightness":
@@ -85,9 +84,22 @@ class ScaleSpace:
         if view.ignore is not None:
             self.known = resample((~view.ignore).astype(np.float32), self.origin, self.step, self.shape)
 
+    def _box(self) -> tuple[np.ndarray, np.ndarray]:
+        """First image point and extent [px] of the part that is looked at: the map's object and what lies about it."""
+        m = self.map
+        h, w = m.inside.shape
+        first, last = np.zeros(2), np.array([w, h]) - 1.0
+        if self.settings.potential == "map":
+            hit = np.argwhere(m.inside > 0.1)[:, ::-1]
+            around = AROUND * m.half_width / m.step
+            on = (m.axis - m.origin) / m.step
+            first = np.maximum(first, np.minimum(hit.min(0, initial=w + h), on.min(0)) - around)
+            last = np.minimum(last, np.maximum(hit.max(0, initial=0), on.max(0)) + around)
+        return np.array(m.origin) + first * m.step, np.maximum(last - first, 8.0) * m.step
+
     def _map_at_step(self) -> np.ndarray:
-        ratio = self.step / self.map.step
-        rows, cols = (np.arange(n) * ratio for n in self.shape)
+        m = self.map
+        cols, rows = ((self.origin[i] - m.origin[i] + self.step * np.arange(self.shape[1 - i])) / m.step for i in (0, 1))
         grid = np.meshgrid(rows, cols, indexing="ij")
         return ndimage.map_coordinates(self.map.inside, grid, order=1, mode="nearest").astype(np.float32)
 

@@ -62,9 +62,9 @@ class Settings:
     """threshold of (12), used by "switch"."""
     gain: float = 1.0
     """of the image force."""
-    step: float = 0.4
-    """time step dt."""
-    slow: float = 12.0
-    """factor of the step for a ring's slow modes (acceleration); 1 is the plain scheme."""
+    step: float | None = None
+    """time step dt; None: the scheme's own."""
+    slow: float | None = None
+    """factor of the step for a ring's slow modes (acceleration); 1 is the plain scheme, None the scheme's own."""
     momentum: float = 0.6
     """share of a step that the next one repeats (acceleration of all slow modes); 0 is the plain scheme."""

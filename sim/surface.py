@@ -72,9 +72,7 @@ def refine(tube: np.ndarray, around: int = AROUND, along: int | None = None) -> 
     quads = np.concatenate([np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)])
     first, last = n * m, n * m + 1
     top = n * (m - 1)
-    caps = np.concatenate(
-        [np.stack([np.full(n, first), y, x], -1), np.stack([np.full(n, last), top + x, top + y], -1)]
-    )
+    caps = np.concatenate([np.stack([np.full(n, first), y, x], -1), np.stack([np.full(n, last), top + x, top + y], -1)])
     return vertices, np.concatenate([quads, caps]).astype(np.int64)
 
 

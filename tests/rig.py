@@ -1,4 +1,4 @@
-"""Models of tubes given by hand, launches by the kernels' own argument names, and probes of their functions."""
+"""Models of tubes given by hand, launches by argument names, and probes of the kernels' functions."""
 
 from __future__ import annotations
 
@@ -60,6 +60,15 @@ class Rig:
         tube = self.state.force.numpy()[: nx * ns].reshape(ns, nx, 3)
         return tube.astype(float), self.state.spine_force.numpy().astype(float)
 
+    def launch(self, kernel: wp.Kernel, size: int, **arguments) -> None:
+        """Launches a kernel by the names of its arguments: those given, else the model's, else (`_in`, `_out`) the state's."""
+        names = [a.label for a in kernel.adj.args]
+        for name in names:
+            if name not in arguments:
+                owner = self.model if hasattr(self.model, name) else self.state
+                arguments[name] = getattr(owner, name.removesuffix("_in").removesuffix("_out"))
+        wp.launch(kernel, size, inputs=[arguments[name] for name in names], device="cpu")
+
     def tube(self) -> np.ndarray:
         """Nodes of the first tube as the kernels see them, (ns, nx, 3), float64."""
         nx, ns = self.model.grids[0]
@@ -68,11 +77,6 @@ class Rig:
     def spine(self) -> np.ndarray:
         """Spine nodes as the kernels see them, (R, 3), float64."""
         return self.state.spine.numpy().astype(float)
-
-
-def launch(kernel: wp.Kernel, size: int, **arguments) -> None:
-    """Launches a kernel with its arguments by name, whatever their order."""
-    wp.launch(kernel, size, inputs=[arguments[a.label] for a in kernel.adj.args], device="cpu")
 
 
 def array(values: np.ndarray, dtype: type = float) -> wp.array:

@@ -13,7 +13,7 @@ __all__ = ["SCHEMES", "Solver", "SolverADI", "SolverEuler", "SolverJacobi", "mak
 SCHEMES: dict[str, type[Solver]] = {"adi": SolverADI, "jacobi": SolverJacobi, "euler": SolverEuler}
 
 
-def make_solver(scheme: str, model: Model, dt: float, slow: float, momentum: float) -> Solver:
+def make_solver(scheme: str, model: Model, dt: float | None, slow: float | None, momentum: float) -> Solver:
     """The solver named `scheme`.
 
     Raises:

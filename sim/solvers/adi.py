@@ -17,7 +17,7 @@ HELD = 1e6
 class SolverADI(Solver):
     """The paper's operator splitting; bears any step of the elastic forces, dt <= 1 of coupling and image forces."""
 
-    def __init__(self, model: Model, dt: float, slow: float, momentum: float):
+    def __init__(self, model: Model, dt: float | None, slow: float | None, momentum: float):
         n, r = model.nodes, model.rings
         device = model.device
 
@@ -70,7 +70,12 @@ class SolverADI(Solver):
 
     @staticmethod
     def _empty_x() -> dict[str, np.ndarray]:
-        return {"lower1": np.zeros(0), "lower2": np.zeros(0), "inverse": np.zeros(0), "border": np.zeros((0, 2))}
+        return {
+            "lower1": np.zeros(0),
+            "lower2": np.zeros(0),
+            "inverse": np.zeros(0),
+            "border": np.zeros((0, 2)),
+        }
 
     @staticmethod
     def _along(

@@ -19,12 +19,19 @@ class Solver:
     image reaches through two nodes only, take a step `slow` times as long.
     """
 
-    def __init__(self, model: Model, dt: float, slow: float, momentum: float):
+    default_dt = 0.4
+    default_slow = 12.0
+
+    def __init__(self, model: Model, dt: float | None, slow: float | None, momentum: float):
         self.momentum = momentum
+        dt = dt or self.default_dt
+        slow = slow or self.default_slow
         # the spine has next to no inertia: it follows its rings at once
         self.model, self.dt, self.slow_dt, self.spine_dt = model, dt, dt * slow, SPINE * dt * slow
         self.step_size = wp.array(
-            np.tile(np.array([dt, self.slow_dt, self.spine_dt], np.float32), (model.tubes, 1)), dtype=float, device=model.device
+            np.tile(np.array([dt, self.slow_dt, self.spine_dt], np.float32), (model.tubes, 1)),
+            dtype=float,
+            device=model.device,
         )
         self.first_mode = wp.zeros(model.rings, dtype=float, device=model.device)
         self.material_changed()

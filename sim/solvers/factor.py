@@ -67,7 +67,15 @@ def factor_cyclic(diagonal: np.ndarray, first: np.ndarray, second: np.ndarray) -
     k = n - 2
     inner = factor_open(diagonal[:, :k], first[:, :k], second[:, :k])
     edge = np.stack(
-        [second[:, k], first[:, n - 1], second[:, n - 1], second[:, k - 2], first[:, k - 1], second[:, k - 1]], axis=1
+        [
+            second[:, k],
+            first[:, n - 1],
+            second[:, n - 1],
+            second[:, k - 2],
+            first[:, k - 1],
+            second[:, k - 1],
+        ],
+        axis=1,
     )
     c = np.zeros((2, m, k))
     c[0, :, 0], c[0, :, k - 2], c[0, :, k - 1] = edge[:, 0], edge[:, 3], edge[:, 4]

@@ -14,7 +14,7 @@ from .factor import cyclic_bands, open_bands
 class SolverJacobi(Solver):
     """Bears any step of the elastic forces, since each node is divided by its own stiffness; slow for stiff tubes."""
 
-    def __init__(self, model: Model, dt: float, slow: float, momentum: float):
+    def __init__(self, model: Model, dt: float | None, slow: float | None, momentum: float):
         self.inverse = wp.zeros(model.nodes, dtype=float, device=model.device)
         self.low_inverse = wp.zeros(4 * model.rings, dtype=float, device=model.device)
         super().__init__(model, dt, slow, momentum)
@@ -41,7 +41,10 @@ class SolverJacobi(Solver):
             node[nodes] = (around + along + coupling[rings, SYMMETRY][:, None]).reshape(-1)
             low[:3, rings] = along.max(axis=1)
             low[0, rings] += 2 * self.tie()[rings]
-            spine = row_sum(open_bands(host["w1"][rings][None] + k1[k], host["w2"][rings][None], 1 / (ns - 1)), cyclic=False)[0]
+            spine = row_sum(
+                open_bands(host["w1"][rings][None] + k1[k], host["w2"][rings][None], 1 / (ns - 1)),
+                cyclic=False,
+            )[0]
             low[3, rings] = spine / end_mass(ns) + coupling[rings, SPINE_TO_RING]
         return node, low
 
@@ -61,7 +64,13 @@ class SolverJacobi(Solver):
 
     def solve_lines(self, state: State) -> None:
         for inverse, target in ((self.inverse, state.delta), (self.low_inverse, state.low)):
-            wp.launch(integrate.scale_nodes, len(target), inputs=[inverse], outputs=[target], device=self.model.device)
+            wp.launch(
+                integrate.scale_nodes,
+                len(target),
+                inputs=[inverse],
+                outputs=[target],
+                device=self.model.device,
+            )
 
 
 def row_sum(bands: tuple[np.ndarray, np.ndarray, np.ndarray], cyclic: bool) -> np.ndarray:

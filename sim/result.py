@@ -1,0 +1,145 @@
+"""What a run yields, and whether it is to be trusted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from .assembly import Assembly
+from .measure import contour_support, shape_measures
+from .potential import Potential, PotentialPicture
+from .problem import Settings
+from .surface import occluding_contour, refine
+
+LEAST_SUPPORT = 0.8
+"""Share of the contour that image data must support."""
+MOST_OUTSIDE = 0.02
+"""Share of the contour that may lie beyond the image."""
+FOLDED = 0.25
+"""Relative difference of the mesh's volume from that of its rings, beyond which the tube must have folded."""
+
+
+@dataclass
+class ObjectResult:
+    """One reconstructed object, in world units."""
+
+    name: str
+    tube: np.ndarray
+    """shape (1, N_x, N_s, 3)."""
+    spine: np.ndarray
+    """shape (1, N_s, 3)."""
+    velocity: np.ndarray
+    """shape (1, N_x, N_s, 3); 0 for a still scene."""
+    vertices: np.ndarray
+    """of the smooth watertight surface, shape (V, 3)."""
+    faces: np.ndarray
+    """shape (F, 3), outward."""
+    contour: list[np.ndarray]
+    """pieces of the occluding contour in the first view, shape (n, 2) each, image px."""
+    support: list[np.ndarray]
+    """for each piece, which points image data supports, shape (n,), bool."""
+    measures: dict[str, Any]
+    history: list[tuple[np.ndarray, np.ndarray, float]]
+    """tube (N_x, N_s, 3), spine (N_s, 3), sigma [px], from the first tube to the last."""
+    iterations: int = 0
+    converged: bool = True
+    trusted: bool = True
+    warnings: list[str] = field(default_factory=list)
+
+
+@dataclass
+class Result:
+    """What a run yields."""
+
+    objects: list[ObjectResult]
+    potentials: list[PotentialPicture]
+    foreground: np.ndarray | None
+    """shape (H, W), first object's map in the first view's image, in [0, 1]."""
+    seconds: dict[str, float]
+    settings: Settings
+
+
+def finish(
+    scene: Assembly,
+    k: int,
+    potential: Potential,
+    history: list,
+    iterations: int,
+    converged: bool,
+    diverged: bool,
+) -> ObjectResult:
+    """Measures object k as it is now, and says what speaks against it.
+
+    Args:
+        scene: with the final state.
+        k: which object.
+        potential: its finest one.
+        history: snapshots, see `ObjectResult`.
+        iterations: done.
+        converged: at rest at the finest scale.
+        diverged: the solver had to go back to the last good state.
+    """
+    nodes, spine = scene.world(k)
+    vertices, faces = refine(nodes)
+    measures: dict[str, Any] = shape_measures(nodes, spine)
+    pieces = occluding_contour(nodes, scene.views[0].camera)
+    space = scene.spaces[k]
+    inside = space.inside if scene.settings.potential == "map" else np.zeros((0, 0))
+    support = [contour_support(p, n, potential, inside, scene.maps[k].half_width) for p, n in pieces]
+    flags = np.concatenate([s.supported for s in support] or [np.zeros(0, bool)])
+    offsets = np.abs(np.concatenate([s.offset for s in support] or [np.zeros(0)]))[flags]
+    measures["supported_share"] = float(flags.mean()) if len(flags) else 0.0
+    measures["contour_residual_px"] = {
+        name: float(f(offsets)) if len(offsets) else float("nan")
+        for name, f in (("mean", np.mean), ("p95", lambda x: np.quantile(x, 0.95)), ("max", np.max))
+    }
+    points = np.concatenate([p for p, _ in pieces] or [np.zeros((0, 2))])
+    warnings = _doubts(measures, points, scene.views[0].image.shape[:2], iterations, converged, diverged)
+    return ObjectResult(
+        name=scene.tubes[k].name,
+        tube=nodes[None],
+        spine=spine[None],
+        velocity=np.zeros_like(nodes)[None],
+        vertices=vertices,
+        faces=faces,
+        contour=[p for p, _ in pieces],
+        support=[s.supported for s in support],
+        measures=measures,
+        history=history,
+        iterations=iterations,
+        converged=converged,
+        trusted=not warnings,
+        warnings=warnings,
+    )
+
+
+def _doubts(
+    measures: dict[str, Any],
+    contour: np.ndarray,
+    shape: tuple[int, int],
+    iterations: int,
+    converged: bool,
+    diverged: bool,
+) -> list[str]:
+    doubts = []
+    if diverged:
+        doubts.append("the solver diverged and stopped at its last good state: try a lower solver.step or another axis")
+    elif not converged:
+        doubts.append(f"not at rest after {iterations} iterations: raise solver.iterations")
+    share = measures["supported_share"]
+    if share < LEAST_SUPPORT:
+        doubts.append(
+            f"only {share:.0%} of the contour lies on edges of the image: check the overlay, draw the axis nearer to the"
+            " object's middle, or mark with not_here or ignore what it must not take"
+        )
+    h, w = shape
+    outside = (contour < -0.5).any(axis=1) | (contour > [w - 0.5, h - 0.5]).any(axis=1)
+    if len(contour) == 0 or outside.mean() > MOST_OUTSIDE:
+        doubts.append("the tube has left the image: what lies beyond the border is a guess")
+    station, radius = np.array(measures["station"]), np.array(measures["radius"])
+    rings = np.pi * np.trapezoid(radius**2, station)
+    if abs(measures["volume"] - rings) > FOLDED * rings:
+        doubts.append("the tube has folded: its surface and its rings enclose different volumes")
+    return doubts

@@ -1,0 +1,92 @@
+"""The foreground map on scenes whose object is known."""
+
+import numpy as np
+import pytest
+
+from symseek.sim.foreground import axis_curve, foreground, length_of
+
+SHAPE, CENTRE, HALF = (200, 240), np.array([120.0, 100.0]), np.array([80.0, 32.0])
+AXIS = CENTRE + np.array([[-60, 0], [-30, 0], [0, 0], [30, 0], [60, 0.0]])
+Y, X = np.mgrid[: SHAPE[0], : SHAPE[1]].astype(float)
+ELLIPSE = np.hypot((X - CENTRE[0]) / HALF[0], (Y - CENTRE[1]) / HALF[1]) < 1
+
+
+def _scene(noise=0.03, colour=False, extra=None):
+    """The ellipse on a darker ground, with noise; `extra` pixels look like it."""
+    rng = np.random.default_rng(7)
+    mask = ELLIPSE if extra is None else ELLIPSE | extra
+    image = np.where(mask, 0.7, 0.35)
+    if colour:  # equal in brightness, unequal in hue
+        image = np.where(mask[..., None], [0.7, 0.4, 0.3], [0.35, 0.5, 0.65])
+    return np.clip(image + noise * rng.standard_normal(image.shape), 0, 1).astype(np.float32)
+
+
+def _map(image, axis=AXIS, **marks):
+    return foreground(image, axis, **marks).in_image(SHAPE) > 0.5
+
+
+def _iou(a, b):
+    return np.sum(a & b) / np.sum(a | b)
+
+
+@pytest.mark.parametrize("colour", [False, True])
+def test_ellipse_in_noise(colour):
+    assert _iou(_map(_scene(colour=colour)), ELLIPSE) > 0.97
+    assert _iou(_map(_scene(0.1, colour)), ELLIPSE) > 0.95
+
+
+def test_contrast_either_way():
+    assert _iou(_map(1 - _scene()), ELLIPSE) > 0.97
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_rough_clicks(seed):
+    """Clicks 5 px off, a sixth of the half width, change next to nothing."""
+    clicks = AXIS + 5 * np.random.default_rng(seed).standard_normal(AXIS.shape)
+    assert _iou(_map(_scene(), clicks), ELLIPSE) > 0.95
+
+
+def test_size_and_place():
+    """Half width at most that of the middle; the axis carried on to the ends of the object."""
+    found = foreground(_scene(), AXIS)
+    assert found.length == pytest.approx(120, rel=1e-3)
+    assert 0.75 * HALF[1] < found.half_width < 1.02 * HALF[1]
+    np.testing.assert_allclose(found.axis[[0, -1]], CENTRE + [[-80, 0], [80, 0]], atol=4)
+    np.testing.assert_allclose(found.axis[:, 1], 100, atol=0.5)
+
+
+def test_not_here_cuts_a_neighbour_off():
+    """A disc of the same grey beside the ellipse: a mark on it takes it away."""
+    disc = np.hypot(X - 120, Y - 38) < 32
+    image = _scene(extra=disc)
+    alone = disc & ~ELLIPSE
+    marked = _map(image, not_here=np.array([[120.0, 30.0], [110.0, 45.0], [130.0, 45.0]]))
+    assert np.mean(marked[alone]) < 0.5 * np.mean(_map(image)[alone])
+    assert np.mean(marked[ELLIPSE & ~disc]) > 0.95
+
+
+def test_ignored_pixels_do_not_count():
+    """A black blotch on the object is a hole in the map, unless it is not looked at."""
+    blotch = np.hypot(X - 100, Y - 92) < 14
+    image = np.where(blotch, 0.0, _scene()).astype(np.float32)
+    assert np.mean(_map(image)[blotch]) < 0.5
+    assert np.mean(_map(image, ignore=blotch)[blotch]) > 0.9
+
+
+def test_map_lies_in_the_image_and_between_0_and_1():
+    found = foreground(_scene(), AXIS)
+    whole = found.in_image(SHAPE)
+    assert whole.shape == SHAPE and whole.min() >= 0 and whole.max() <= 1
+    assert whole[100, 120] > 0.9 and whole[20, 20] < 0.1
+
+
+def test_axis_curve_is_smooth_and_even():
+    """Through the points of a quarter circle: length r pi / 2, equal steps."""
+    angle = np.linspace(0, np.pi / 2, 5)
+    points = 50 * np.stack([np.cos(angle), np.sin(angle)], -1)
+    curve = axis_curve(points)
+    assert length_of(curve) == pytest.approx(25 * np.pi, rel=1e-3)
+    steps = np.linalg.norm(np.diff(curve, axis=0), axis=1)
+    np.testing.assert_allclose(steps, steps.mean(), rtol=1e-3)
+    np.testing.assert_allclose(np.linalg.norm(curve, axis=1), 50, rtol=2e-3)
+    np.testing.assert_allclose(axis_curve(points[[0, -1]])[[0, -1]], points[[0, -1]])

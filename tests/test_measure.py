@@ -1,0 +1,104 @@
+"""Measures of a finished tube on closed forms; support of a contour by an edge of known place."""
+
+import numpy as np
+import pytest
+
+from symseek.sim.measure import arc_length, contour_support, shape_measures
+from symseek.sim.potential import Potential
+
+
+def _ellipsoid(nx=25, ns=25, along=2.0, across=0.7):
+    """Tube (nx, ns, 3) with poles, its spine, and the angle of each ring."""
+    angle, turn = np.linspace(0, np.pi, ns), 2 * np.pi * np.arange(nx)[:, None] / nx
+    radius = across * np.sin(angle)
+    radius[[0, -1]] = 0
+    axis = -along * np.cos(angle)
+    tube = np.stack([radius * np.cos(turn), np.broadcast_to(axis, (nx, ns)), -radius * np.sin(turn)], -1)
+    return tube, np.stack([0 * axis, axis, 0 * axis], -1), angle
+
+
+def test_ellipsoid():
+    tube, spine, angle = _ellipsoid()
+    m = shape_measures(tube, spine)
+    assert m["length"] == pytest.approx(4)
+    np.testing.assert_allclose(m["station"], 2 * (1 - np.cos(angle)), atol=1e-6)
+    np.testing.assert_allclose(m["radius"], 0.7 * np.sin(angle), atol=1e-12)
+    assert m["volume"] == pytest.approx(4 / 3 * np.pi * 2 * 0.7**2, rel=2e-3)
+    e = np.sqrt(1 - (0.7 / 2) ** 2)
+    assert m["area"] == pytest.approx(2 * np.pi * 0.7**2 * (1 + 2 / (0.7 * e) * np.arcsin(e)), rel=2e-3)
+    assert m["asymmetry"] == pytest.approx(0, abs=1e-12)
+
+
+def test_measures_carry_units():
+    """Ten times as large: length and radii by 10, area by 100, volume by 1000, asymmetry as it was."""
+    tube, spine, _ = _ellipsoid()
+    tube = tube * [1.1, 1, 1]
+    one, ten = shape_measures(tube, spine), shape_measures(10 * tube, 10 * spine)
+    for name, power in {"length": 1, "station": 1, "radius": 1, "area": 2, "volume": 3, "asymmetry": 0}.items():
+        np.testing.assert_allclose(ten[name], 10.0**power * np.asarray(one[name]), rtol=1e-9, atol=1e-12)
+
+
+def test_length_of_an_arc_from_uneven_nodes():
+    """R phi, and each node's share of it; chords alone would lack 1e-3 of it. Repeated nodes add nothing."""
+    angle = 1.5 * (np.linspace(0, 1, 15) - 0.08 * np.sin(2 * np.pi * np.linspace(0, 1, 15)))
+    arc = 3.0 * np.stack([np.cos(angle), np.sin(angle), 0 * angle], -1)
+    np.testing.assert_allclose(arc_length(arc), 3 * angle, atol=3e-4)
+    twice = np.concatenate([arc[:5], arc[4:]])
+    np.testing.assert_allclose(arc_length(twice)[-1], 4.5, atol=3e-4)
+
+
+@pytest.mark.parametrize("share", [0.02, 0.1])
+def test_asymmetry_of_an_oval_tube(share):
+    """|r| = R (1 + e cos 2 theta): root mean square of |r| / rbar - 1 is e / sqrt 2, up to its square."""
+    turn = 2 * np.pi * np.arange(48) / 48
+    radius = 1 + share * np.cos(2 * turn)
+    ring = np.stack([radius * np.cos(turn), 0 * turn, -radius * np.sin(turn)], -1)
+    spine = np.linspace(0, 5, 11)[:, None] * np.array([0, 1, 0])
+    asymmetry = shape_measures(ring[:, None] * np.linspace(0.5, 1, 11)[:, None] + spine, spine)["asymmetry"]
+    assert asymmetry == pytest.approx(share / np.sqrt(2), rel=2 * share)
+
+
+STEP, ORIGIN, HALF = 1.5, (-10.0, 20.0), 60.0
+
+
+def _edge(column, last_row):
+    """P of a vertical edge at an image column, in rows before `last_row` only."""
+    x = ORIGIN[0] + STEP * np.arange(120)
+    y = ORIGIN[1] + STEP * np.arange(100)
+    p = np.exp(-0.5 * ((x - column) / 3) ** 2) * (y[:, None] < last_row)
+    return Potential(sigma=3.0, samples=np.zeros((*p.shape, 4), np.float32), magnitude=p, step=STEP, origin=ORIGIN)
+
+
+def _contour(column):
+    """Forty points down a column, normals to the right."""
+    points = np.stack([np.full(40, column), np.linspace(40, 150, 40)], -1)
+    return points, np.tile([1.0, 0.0], (40, 1))
+
+
+@pytest.mark.parametrize("ahead", [-2.0, 0.3, 1.7])
+def test_offset_to_an_edge_beside_the_contour(ahead):
+    support = contour_support(*_contour(60.0), _edge(60.0 + ahead, 1e9), np.zeros((0, 0)), HALF)
+    np.testing.assert_allclose(support.offset, ahead, atol=0.05)
+    assert support.supported.all()
+
+
+def test_support_ends_where_the_edge_does():
+    """Edge down to row 100, then nothing: points clear of its end say so."""
+    points, normals = _contour(60.0)
+    supported = contour_support(points, normals, _edge(60.0, 100.0), np.zeros((0, 0)), HALF).supported
+    assert supported[points[:, 1] < 97].all() and not supported[points[:, 1] > 103].any()
+
+
+def test_an_edge_too_far_off_is_no_support():
+    support = contour_support(*_contour(60.0), _edge(66.0, 1e9), np.zeros((0, 0)), HALF)
+    np.testing.assert_allclose(support.offset, 6.0, atol=0.05)
+    assert not support.supported.any()
+
+
+def test_the_map_must_fall_across_the_contour():
+    """An edge with the object on both sides, or on the far side, is not its outline."""
+    potential = _edge(60.0, 1e9)
+    left = np.tile(ORIGIN[0] + STEP * np.arange(120) < 60.0, (100, 1)).astype(float)
+    for inside, expected in ((left, True), (1 - left, False), (np.ones_like(left), False)):
+        supported = contour_support(*_contour(60.0), potential, inside, HALF).supported
+        assert np.all(supported == expected)

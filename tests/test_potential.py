@@ -1,0 +1,112 @@
+"""Potentials (11) at a scale, against closed forms of a smoothed edge and of smoothed waves."""
+
+import numpy as np
+import pytest
+
+from symseek.sim.camera import Camera
+from symseek.sim.foreground import Foreground
+from symseek.sim.potential import FINEST_PX, FLOOR, ScaleSpace, sigma_list
+from symseek.sim.problem import Settings, View
+from tests import reference
+
+
+def _space(image, half_width, inside=None, ignore=None, **settings):
+    """A scale space of the whole image, with a map given on the same pixels."""
+    h, w = image.shape
+    inside = np.full((h, w), 0.5, np.float32) if inside is None else inside
+    axis = np.array([[0.0, h / 2], [w - 1, h / 2]])
+    map_ = Foreground(
+        inside=inside, step=1.0, origin=(0.0, 0.0), length=float(w), half_width=half_width, axis=axis
+    )
+    view = View(image.astype(np.float32), ignore=ignore)
+    return ScaleSpace(view, Camera.orthographic(), map_, Settings(**settings))
+
+
+def _step_image(shape, column, low, high):
+    """A vertical edge at a column, pixels shaded by how far they are covered."""
+    cover = np.clip(column + 0.5 - np.arange(shape[1]), 0, 1)
+    return np.tile(low + (high - low) * cover, (shape[0], 1))
+
+
+@pytest.mark.parametrize("scale", [1, 2, 4])
+@pytest.mark.parametrize("grey", [(0.1, 0.9), (0.55, 0.5)])
+def test_pull_is_the_way_to_a_step_edge(scale, grey):
+    """sigma^2 grad P / (P + floor) = -x / (1 + floor exp(x^2 / 2 sigma^2)) px, whatever contrast and scale."""
+    sigma, column = 10.0 * scale, 60.3 * scale
+    space = _space(_step_image((40 * scale, 120 * scale), column, *grey), 32.0 * scale, potential="brightness")
+    potential = space.at(sigma)
+    row = potential.samples[potential.samples.shape[0] // 2]
+    x = potential.origin[0] + potential.step * np.arange(len(row)) - column
+    near = np.abs(x) < sigma
+    expected = -x / (1 + FLOOR * np.exp(0.5 * (x / sigma) ** 2))
+    np.testing.assert_allclose(row[near, 0], expected[near], rtol=0.03, atol=0.01 * sigma)
+    np.testing.assert_allclose(row[near, 1:], 0, atol=1e-3)
+
+
+@pytest.mark.parametrize("half_width", [40.0, 128.0])
+def test_paper_force_is_the_gradient_of_11(half_width):
+    """I = sin(kx x) + cos(ky y): G*I damps each wave by exp(-sigma^2 k^2 / 2); P and grad P in image pixels."""
+    sigma, k = 6.0, np.array([0.09, 0.07])
+    y, x = np.mgrid[:240, :240].astype(float)
+    image = 0.5 + 0.2 * np.sin(k[0] * x) + 0.2 * np.cos(k[1] * y)
+    potential = _space(image, half_width, potential="brightness", force="paper").at(sigma)
+    damp = 0.2 * k * np.exp(-0.5 * sigma**2 * k**2)
+
+    def p(at):
+        return np.hypot(damp[0] * np.cos(k[0] * at[0]), damp[1] * np.sin(k[1] * at[1]))
+
+    rows, cols = np.mgrid[30:210:17, 30:210:13]
+    inner = ((cols - potential.origin[0]) % potential.step == 0) & ((rows - potential.origin[1]) % potential.step == 0)
+    for i, j in zip(rows[inner], cols[inner], strict=True):
+        u, v = int((i - potential.origin[1]) / potential.step), int((j - potential.origin[0]) / potential.step)
+        at = np.array([j, i], float)
+        assert potential.magnitude[u, v] / potential.step == pytest.approx(p(at), abs=0.02 * damp.max())
+        exact = reference.gradient(p, at, 1e-4)
+        np.testing.assert_allclose(potential.samples[u, v, :2], exact, atol=0.03 * damp.max() * k.max())
+    assert inner.sum() > 10 and not potential.samples[..., 2:].any()
+
+
+def test_pull_never_exceeds_a_few_sigmas_and_is_finite_on_a_flat_image():
+    rng = np.random.default_rng(1)
+    for image in (np.full((50, 60), 0.4), rng.uniform(size=(50, 60))):
+        samples = _space(image, 20.0, potential="brightness").at(4.0).samples
+        assert np.all(np.isfinite(samples)) and np.abs(samples).max() <= 3 * 4.0 * 1.001
+
+
+def test_nothing_pulls_from_what_is_ignored():
+    image = _step_image((60, 120), 60.0, 0.1, 0.9)
+    ignore = np.zeros(image.shape, bool)
+    ignore[30:] = True
+    magnitude = _space(image, 32.0, ignore=ignore, potential="brightness").at(4.0).magnitude
+    assert magnitude[:28, 60].min() > 0 and magnitude[32:].max() == 0
+
+
+def test_the_map_presses_outward_inside_and_inward_outside():
+    """A disc of radius 30: pressure 0 on its outline, about the way to it nearby, and no edges of texture outside."""
+    y, x = np.mgrid[:161, :161] - 80.0
+    off = np.hypot(x, y) - 30.0
+    inside = np.clip(0.5 - off, 0, 1).astype(np.float32)
+    texture = np.where(off > 20, 0.5 + 0.5 * np.sin(x), 0.5)
+    space = _space(texture, 30.0, inside)
+    coarse = space.at(8.0)
+    pressure = coarse.samples[80, 80:, 2]
+    at = off[80, 80:]
+    assert np.all(pressure[at < -3] > 0) and np.all(pressure[at > 3] < 0)
+    near = np.abs(at) < 4
+    np.testing.assert_allclose(pressure[near], -at[near], atol=1.3)
+    assert not coarse.samples[..., :2].any()  # led by the map alone
+    fine = space.at(2.0)
+    assert fine.magnitude[np.abs(off) > 12].max() == 0
+
+
+def test_sigmas_fall_to_the_finest():
+    for half_width, step in ((20.0, 1.0), (64.0, 1.0), (400.0, 6.25)):
+        sigmas = sigma_list(half_width, step, None)
+        assert len(sigmas) > 1 and np.all(np.diff(sigmas) < 0)
+        assert sigmas[-1] >= FINEST_PX * step and sigmas[0] < half_width
+    assert sigma_list(20.0, 1.0, (9.0, 4.0)) == [9.0, 4.0]
+
+
+def test_picture_says_where_it_lies():
+    picture = _space(np.zeros((101, 201)), 128.0).at(20.0).picture
+    assert picture.sigma == 20.0 and picture.extent == (0, 0, 200, 100) and picture.image.shape == (51, 101)
