@@ -21,7 +21,7 @@ CORE, FAR, MARGIN = 0.02, 0.45, 0.75
 """Surely object within, surely background beyond, image looked at within: distance to the axis / its length."""
 PRIOR, SEED = 0.003, 10.0
 """Weights of prior and seeds against the image's edges."""
-UNEVEN, SLACK, SHORT = 1.5, 0.05, 0.3
+UNEVEN, SLACK, SHORT = 1.5, 0.04, 0.2
 """Farthest that the object reaches to the side: times its width on the narrow side, plus lengths of the axis; past its ends."""
 BINS = 32
 
@@ -112,7 +112,7 @@ def _edges(x: np.ndarray) -> sparse.csr_array:
 def _histogram(cells: np.ndarray, chosen: np.ndarray, channels: int) -> np.ndarray:
     """Smoothed share of the chosen pixels in each colour cell."""
     counts = np.bincount(cells[chosen], minlength=BINS**channels).astype(np.float32)
-    counts = ndimage.gaussian_filter(counts.reshape((BINS,) * channels), 1.0, mode="nearest").ravel()
+    counts = ndimage.gaussian_filter(counts.reshape((BINS,) * channels), 2.0, mode="nearest").ravel()
     return counts / max(counts.sum(), 1e-9)
 
 
