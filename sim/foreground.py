@@ -23,6 +23,8 @@ PRIOR, SEED = 0.003, 10.0
 """Weights of prior and seeds against the image's edges."""
 UNEVEN, SLACK, SHORT = 1.5, 0.04, 0.2
 """Farthest that the object reaches to the side: times its width on the narrow side, plus lengths of the axis; past its ends."""
+CLEAR = 1.0
+"""Log likelihood ratio of colours that are the object's wherever they are."""
 BINS = 32
 
 
@@ -179,7 +181,7 @@ def foreground(
         prior = 1 / (1 + np.exp(-np.clip(0.5 * ratio, -6, 6)))
         # a click beside the object has put its seeds on the background's colours
         sure = core & (ratio > -1.0)
-        beyond = far | (off > reach[place])
+        beyond = far | ((off > reach[place]) & (ratio < CLEAR))
         prior[sure], prior[beyond] = 1.0, 0.0
         weight = np.where(known, PRIOR, 1e-6) + np.where(sure | beyond, SEED, 0.0)
         inside = _solve(laplacian, weight, prior, inside)

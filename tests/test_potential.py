@@ -45,15 +45,15 @@ def test_pull_is_the_way_to_a_step_edge(scale, grey):
 
 @pytest.mark.parametrize("half_width", [40.0, 128.0])
 def test_paper_force_is_the_gradient_of_11(half_width):
-    """I = sin(kx x) + cos(ky y): G*I damps each wave by exp(-sigma^2 k^2 / 2); P and grad P in image pixels."""
-    sigma, k = 6.0, np.array([0.09, 0.07])
+    """I = ramp + sin(kx x) + cos(ky y): G*I damps each wave by exp(-sigma^2 k^2 / 2); P and grad P in image pixels."""
+    sigma, k, ramp = 6.0, np.array([0.09, 0.07]), 0.03
     y, x = np.mgrid[:240, :240].astype(float)
-    image = 0.5 + 0.2 * np.sin(k[0] * x) + 0.2 * np.cos(k[1] * y)
+    image = ramp * x + 0.2 * np.sin(k[0] * x) + 0.2 * np.cos(k[1] * y)
     potential = _space(image, half_width, potential="brightness", force="paper").at(sigma)
     damp = 0.2 * k * np.exp(-0.5 * sigma**2 * k**2)
 
     def p(at):
-        return np.hypot(damp[0] * np.cos(k[0] * at[0]), damp[1] * np.sin(k[1] * at[1]))
+        return np.hypot(ramp + damp[0] * np.cos(k[0] * at[0]), damp[1] * np.sin(k[1] * at[1]))
 
     rows, cols = np.mgrid[30:210:17, 30:210:13]
     inner = ((cols - potential.origin[0]) % potential.step == 0) & ((rows - potential.origin[1]) % potential.step == 0)
@@ -82,21 +82,27 @@ def test_nothing_pulls_from_what_is_ignored():
 
 
 def test_the_map_presses_outward_inside_and_inward_outside():
-    """A disc of radius 30: pressure 0 on its outline, about the way to it nearby, and no edges of texture outside."""
-    y, x = np.mgrid[:161, :161] - 80.0
-    off = np.hypot(x, y) - 30.0
+    """A disc of radius 60: sqrt(pi / 2) sigma (2 G*inside - 1), so about the way to its outline; no edges of texture."""
+    y, x = np.mgrid[:321, :321] - 160.0
+    off = np.hypot(x, y) - 60.0
     inside = np.clip(0.5 - off, 0, 1).astype(np.float32)
-    texture = np.where(off > 20, 0.5 + 0.5 * np.sin(x), 0.5)
-    space = _space(texture, 30.0, inside)
-    coarse = space.at(8.0)
-    pressure = coarse.samples[80, 80:, 2]
-    at = off[80, 80:]
-    assert np.all(pressure[at < -3] > 0) and np.all(pressure[at > 3] < 0)
-    near = np.abs(at) < 4
-    np.testing.assert_allclose(pressure[near], -at[near], atol=1.3)
+    texture = np.where(off > 30, 0.5 + 0.5 * np.sin(x), 0.5)
+    space = _space(texture, 60.0, inside)
+
+    def off_at(potential):
+        rows, cols = np.indices(potential.magnitude.shape)
+        place = np.stack([cols, rows], -1) * potential.step + potential.origin
+        return np.hypot(*np.moveaxis(place - 160.0, -1, 0)) - 60.0
+
+    coarse = space.at(12.0)
+    at, pressure = off_at(coarse), coarse.samples[..., 2]
+    assert np.all(pressure[at < -4] > 0) and np.all(pressure[at > 4] < 0)
+    near = np.abs(at) < 6
+    # the outline's curvature moves the zero inward by sigma^2 / 2 R = 1.2
+    np.testing.assert_allclose(pressure[near], -at[near], atol=2.0)
     assert not coarse.samples[..., :2].any()  # led by the map alone
-    fine = space.at(2.0)
-    assert fine.magnitude[np.abs(off) > 12].max() == 0
+    fine = space.at(3.0)
+    assert fine.magnitude[np.abs(off_at(fine)) > 20].max() == 0
 
 
 def test_sigmas_fall_to_the_finest():
@@ -108,5 +114,5 @@ def test_sigmas_fall_to_the_finest():
 
 
 def test_picture_says_where_it_lies():
-    picture = _space(np.zeros((101, 201)), 128.0).at(20.0).picture
+    picture = _space(np.zeros((101, 201)), 128.0, potential="brightness").at(20.0).picture
     assert picture.sigma == 20.0 and picture.extent == (0, 0, 200, 100) and picture.image.shape == (51, 101)
