@@ -1,4 +1,4 @@
-"""How likely each pixel is to belong to the object: a random walker with priors from the image's own colours and the rough axis.
+"""How likely each pixel is to belong to the object: a random walker led by the image's own colours and the rough axis.
 
 Colours near the axis and far from it make two histograms; their log likelihood ratio is the prior of a random walker
 (Grady 2005) whose edges are the image's own. Made three times, each time with the colours of the object found before.
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage, sparse
 from scipy.interpolate import make_interp_spline
-from scipy.sparse.linalg import LinearOperator, cg
+from scipy.sparse.linalg import cg
 from skimage import color, measure, transform
 
 AXIS = 130.0
@@ -22,7 +22,7 @@ CORE, FAR, MARGIN = 0.02, 0.45, 0.75
 PRIOR, SEED = 0.003, 10.0
 """Weights of prior and seeds against the image's edges."""
 UNEVEN, SLACK, SHORT = 1.5, 0.04, 0.2
-"""Farthest that the object reaches to the side: times its width on the narrow side, plus lengths of the axis; past its ends."""
+"""Farthest that the object reaches to a side, times its width on the narrow side, plus lengths of the axis; past its ends."""
 CLEAR = 1.0
 """Log likelihood ratio of colours that are the object's wherever they are."""
 BINS = 32
@@ -120,7 +120,7 @@ def _histogram(cells: np.ndarray, chosen: np.ndarray, channels: int) -> np.ndarr
 
 def _at_axis(inside: np.ndarray, axis: np.ndarray) -> np.ndarray:
     """The part of inside > 0.5 that holds the axis."""
-    labels = measure.label(inside > 0.5, connectivity=1)
+    labels = np.asarray(measure.label(inside > 0.5, connectivity=1))
     ij = np.clip(np.rint(axis[:, ::-1]).astype(int), 0, np.array(inside.shape) - 1)
     hit = labels[ij[:, 0], ij[:, 1]]
     keep = np.unique(hit[hit > 0])
@@ -152,7 +152,8 @@ def foreground(
     hi = np.ceil(curve.max(0) + MARGIN * length)
     lo = np.maximum(lo, 0.0)
     hi = np.minimum(hi, [w - 1, h - 1])
-    shape = tuple(int(v) for v in np.maximum(np.floor((hi - lo) / step)[::-1] + 1, 8))
+    width, height = (int(v) for v in np.maximum(np.floor((hi - lo) / step) + 1, 8))
+    shape = (height, width)
     x = resample(colours(image), lo, step, shape)
     known = np.ones(shape, bool)
     if ignore is not None:
@@ -169,7 +170,7 @@ def foreground(
     channels = x.shape[2]
     low, high = x.min((0, 1)), x.max((0, 1))
     q = np.clip(((x - low) / (high - low + 1e-6) * BINS).astype(int), 0, BINS - 1)
-    cells = np.ravel_multi_index(tuple(q[..., i] for i in range(channels)), (BINS,) * channels)
+    cells = np.asarray(np.ravel_multi_index(tuple(q[..., i] for i in range(channels)), (BINS,) * channels))
     laplacian = _edges(x)
     inside = core.astype(float)
     mine = core & known
@@ -197,8 +198,13 @@ def _from_axis(line: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, np
     ij = np.clip(np.rint(dense[:, ::-1]).astype(int), 0, np.array(shape) - 1)
     index = np.full(shape, -1)
     index[ij[:, 0], ij[:, 1]] = np.arange(len(dense)) // 4
-    off, (i, j) = ndimage.distance_transform_edt(index < 0, return_indices=True)
-    return off, index[i, j]
+    off, near = ndimage.distance_transform_edt(index < 0, return_indices=True)  # pyright: ignore
+    return off, index[near[0], near[1]]
+
+
+def _depth(mask: np.ndarray) -> np.ndarray:
+    """Distance to the nearest sample outside [samples]; the image's border counts as outside."""
+    return np.asarray(ndimage.distance_transform_edt(np.pad(mask, 1)))[1:-1, 1:-1]
 
 
 def _reach(mine: np.ndarray, line: np.ndarray) -> np.ndarray:
@@ -207,7 +213,7 @@ def _reach(mine: np.ndarray, line: np.ndarray) -> np.ndarray:
     A roundish object is about as wide on one side of its axis as on the other, so what has leaked out on one side
     is cut off by the width of the other. Beyond its ends the axis may have been drawn short.
     """
-    depth = ndimage.distance_transform_edt(np.pad(mine, 1))[1:-1, 1:-1]
+    depth = _depth(mine)
     width = ndimage.map_coordinates(depth, line.T[::-1], order=1, mode="nearest")
     width = ndimage.maximum_filter1d(width, len(line) // 8, mode="nearest")
     reach = UNEVEN * width + SLACK * AXIS
@@ -217,16 +223,8 @@ def _reach(mine: np.ndarray, line: np.ndarray) -> np.ndarray:
 
 def _solve(laplacian: sparse.csr_array, weight: np.ndarray, prior: np.ndarray, start: np.ndarray) -> np.ndarray:
     a = laplacian + sparse.diags_array(weight.ravel())
-    inverse = 1 / a.diagonal()
-    n = weight.size
-    x, _ = cg(
-        a,
-        (weight * prior).ravel(),
-        x0=start.ravel(),
-        rtol=1e-4,
-        maxiter=600,
-        M=LinearOperator((n, n), matvec=lambda v: inverse * v),
-    )
+    jacobi = sparse.diags_array(1 / a.diagonal())
+    x, _ = cg(a, (weight * prior).ravel(), x0=start.ravel(), rtol=1e-4, maxiter=600, M=jacobi)
     return x.reshape(weight.shape)
 
 
@@ -237,7 +235,7 @@ def _soft(inside: np.ndarray) -> np.ndarray:
 
 def _half_width(inside: np.ndarray, line: np.ndarray, step: float, lo: np.ndarray) -> tuple[float, np.ndarray]:
     mask = _at_axis(inside, line)
-    depth = ndimage.distance_transform_edt(np.pad(mask, 1))[1:-1, 1:-1]
+    depth = _depth(mask)
     along = ndimage.map_coordinates(depth, line.T[::-1], order=1, mode="nearest")
     half = float(np.median(along)) * step
     return max(half, 2 * step), _carried_on(mask, line) * step + lo

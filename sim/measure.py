@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy import ndimage
@@ -25,7 +26,7 @@ def arc_length(spine: np.ndarray) -> np.ndarray:
     return np.interp(chord, fine, arc)
 
 
-def shape_measures(tube: np.ndarray, spine: np.ndarray) -> dict[str, object]:
+def shape_measures(tube: np.ndarray, spine: np.ndarray) -> dict[str, Any]:
     """Length, radius profile, volume, area [world units] and asymmetry of a tube.
 
     Args:

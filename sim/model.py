@@ -68,8 +68,9 @@ class Model:
         )
         self.tube_node, self.tube_ring = ints(self.node_start[:-1]), ints(self.ring_start[:-1])
         self.line_tube, self.line_x, self.lines = ints(line_tube), ints(line_x), len(line_x)
-        for name in ("w10", "w20", "w11", "w01", "w02"):
-            setattr(self, name, wp.zeros(self.nodes, dtype=float, device=device))
+        self.w10, self.w20, self.w11, self.w01, self.w02 = (
+            wp.zeros(self.nodes, dtype=float, device=device) for _ in range(5)
+        )
         self.w1, self.w2 = (wp.zeros(self.rings, dtype=float, device=device) for _ in range(2))
         self.coupling = wp.zeros((self.rings, 8), dtype=float, device=device)
         basis = np.zeros((self.rings, BEND_DEGREE + 1), np.float32)
@@ -79,8 +80,8 @@ class Model:
         self.bend_basis = wp.array(basis, dtype=float, device=device)
         self.k1 = wp.zeros(self.tubes, dtype=float, device=device)
         self.depth_rest = wp.zeros(self.rings, dtype=float, device=device)
-        self.eyes = wp.zeros(views, dtype=projection.Eye, device=device)
-        self.fields = wp.zeros((self.tubes, views), dtype=image.Field, device=device)
+        self.eyes = wp.zeros(views, dtype=projection.Eye, device=device)  # pyright: ignore
+        self.fields = wp.zeros((self.tubes, views), dtype=image.Field, device=device)  # pyright: ignore
         self.samples = wp.zeros(samples, dtype=wp.vec4, device=device)
 
     def nodes_of(self, k: int) -> slice:

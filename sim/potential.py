@@ -19,6 +19,10 @@ AROUND = 1.0
 """What is looked at beyond the map's object, in half widths."""
 RANGE = 3.0
 """Longest pull, in sigmas."""
+MAP_LED = 0.15
+"""Sigma, in half widths of the object, above which the map alone leads."""
+GATE = 2.5
+"""Least smoothing of the map for its gate, in the map's own samples."""
 COARSEST, FALL, FINEST, FINEST_PX = 0.3, 0.5, 0.02, 1.0
 """First sigma, ratio of one to the next, last sigma: in half widths of the object, the last not below FINEST_PX samples."""
 
@@ -42,7 +46,8 @@ class Potential:
     sigma: float
     """[image px]."""
     samples: np.ndarray
-    """shape (h, w, 4): pull (column, row), pressure, pressure at a pole, in image px; the plain gradient of (11) for force "paper"."""
+    """shape (h, w, 4): pull (column, row), pressure, pressure at a pole [image px]; for force "paper" the plain gradient
+    of (11) and zeros."""
     magnitude: np.ndarray
     """shape (h, w), P of (11)."""
     step: float
@@ -75,7 +80,8 @@ class ScaleSpace:
         self.settings, self.map = settings, map_
         self.step = max(1.0, map_.half_width / WIDE)
         self.origin, extent = self._box()
-        self.shape = tuple(int(v) for v in np.floor(extent / self.step)[::-1] + 1)
+        cols, rows = (int(v) for v in np.floor(extent / self.step) + 1)
+        self.shape = (rows, cols)
         self.image = resample(colours(view.image), self.origin, self.step, self.shape)
         if settings.potential == "brightness":
             self.image = self.image[..., :1]
@@ -117,37 +123,37 @@ class ScaleSpace:
         """The potential at a sigma [image px].
 
         Normalised: the pull is sigma^2 grad P / (P + floor), which for a smoothed step edge is the way to it in px
-        whatever its contrast; with the map, P is gated by the map's outline, and what edges leave unsaid the map says
-        by a pressure outward inside the object and inward outside it.
+        whatever its contrast. With the map, P is gated by the map's outline, and what edges leave unsaid (at a coarse
+        scale, everything) the map says, by a pressure outward inside the object and inward outside it.
         """
         s = sigma / self.step
-        p = self._edges(s)
-        pressure = push = np.zeros_like(p)
-        if self.settings.potential == "map":
-            smooth = self._smooth(self.inside, s)
-            # flat across the outline, so that the edges alone say where it is
-            wide = self._smooth(self.inside, max(s, 2.5 * self.map.step / self.step))
-            gate = np.clip((0.5 - np.abs(wide - 0.5)) / 0.15, 0, 1)
-            p = p * gate * gate * (3 - 2 * gate)
+        mapped = self.settings.potential == "map"
+        p = self._edges(s) * self._gate(s) if mapped else self._edges(s)
         rows, cols = np.gradient(p)
+        nothing = np.zeros_like(p)
         if self.settings.force == "paper":
             # per image px, as (11) says; P as it is
-            samples = np.stack([cols, rows, 0 * p, 0 * p], axis=-1) / self.step**2
-            return self._potential(sigma, samples, p)
+            return self._potential(sigma, [cols / self.step**2, rows / self.step**2, nothing, nothing], p)
         floor = FLOOR * float(p.max()) + 1e-12
-        pull = np.stack([cols, rows], axis=-1) * (s**2 / (p + floor))[..., None]
-        length = np.linalg.norm(pull, axis=-1, keepdims=True)
-        pull *= np.minimum(1.0, RANGE * s / np.maximum(length, 1e-12))
-        if self.settings.potential == "map":
-            # an outline smoothed by sigma has slope 1 / (sigma sqrt(2 pi)): a unit spring at the edge
-            push = np.sqrt(np.pi / 2) * s * (2 * smooth - 1)
-            unsaid = floor / (p + floor) if sigma < 0.15 * self.map.half_width else np.ones_like(p)
-            pull *= (1 - unsaid)[..., None] if unsaid.min() == 1 else 1.0
-            pressure = unsaid * push
-            # on an outline found from both sides a pole is left alone: pushed there, it would slide along
-            sure = 2 * smooth - 1
-            push = np.sign(sure) * np.clip(2 * np.abs(sure) - 1, 0, 1) * s
-        return self._potential(sigma, np.concatenate([pull, np.stack([pressure, push], axis=-1)], axis=-1) * self.step, p)
+        pull = np.stack([cols, rows]) * (s**2 / (p + floor))
+        pull *= np.minimum(1.0, RANGE * s / np.maximum(np.linalg.norm(pull, axis=0), 1e-12)) * self.step
+        if not mapped:
+            return self._potential(sigma, [*pull, nothing, nothing], p)
+        sure = 2 * self._smooth(self.inside, s) - 1
+        # an outline smoothed by sigma has slope 1 / (sigma sqrt(2 pi)): a unit spring at the edge
+        pressure = np.sqrt(np.pi / 2) * sigma * sure
+        # on an outline that is plain from both sides a pole is left alone: pushed there, it would slide along
+        pole = sigma * np.sign(sure) * np.clip(2 * np.abs(sure) - 1, 0, 1)
+        if sigma > MAP_LED * self.map.half_width:
+            return self._potential(sigma, [nothing, nothing, pressure, pole], p)
+        return self._potential(sigma, [*pull, pressure * floor / (p + floor), pole], p)
 
-    def _potential(self, sigma: float, samples: np.ndarray, p: np.ndarray) -> Potential:
-        return Potential(sigma, samples.astype(np.float32), p, self.step, (float(self.origin[0]), float(self.origin[1])))
+    def _gate(self, s: float) -> np.ndarray:
+        """1 near the map's outline, 0 away from it; flat across it, so that the edges alone say where it is."""
+        wide = self._smooth(self.inside, max(s, GATE * self.map.step / self.step))
+        gate = np.clip((0.5 - np.abs(wide - 0.5)) / 0.15, 0, 1)
+        return gate * gate * (3 - 2 * gate)
+
+    def _potential(self, sigma: float, samples: list[np.ndarray], p: np.ndarray) -> Potential:
+        channels = np.stack(samples, axis=-1).astype(np.float32)
+        return Potential(sigma, channels, p, self.step, (float(self.origin[0]), float(self.origin[1])))

@@ -58,6 +58,7 @@ class _Loop:
         with wp.ScopedCapture(device=scene.device, force_module_load=False) as capture:
             add_forces(scene.model, scene.state, s.contour, s.force == "paper", s.tau)
             self.solver.step(scene.state)
+        assert capture.graph is not None
         self.graph = capture.graph
 
     def run(self) -> None:

@@ -30,7 +30,7 @@ def smooth_grid(tube: np.ndarray, around: int = AROUND, along: int | None = None
         shape (around, along, 3); first and last column are the ends.
     """
     nx, ns, _ = tube.shape
-    along = along or FINER * (ns - 1) + 1
+    along = FINER * (ns - 1) + 1 if along is None else along
     spectrum = np.fft.rfft(tube, axis=0)
     if nx % 2 == 0:
         spectrum[-1] *= 0.5

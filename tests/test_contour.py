@@ -75,7 +75,7 @@ def test_normals_of_a_cone_reach_its_rims():
     r = Rig((tube, spine))
     r.forces()
     out = circles(0 * even_spine(6), 1.0, 9, 0.2)
-    normal = (out + [0, -0.3, 0]) / np.sqrt(1.09) @ TURN.T
+    normal = (out - 0.3 * np.array([0, 1, 0])) / np.sqrt(1.09) @ TURN.T
     np.testing.assert_allclose(r.state.normal.numpy().reshape(tube.shape), normal, atol=3 * ATOL)
 
 

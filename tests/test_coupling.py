@@ -102,6 +102,17 @@ def test_balanced_tube_keeps_circles_of_any_radius(radius):
     np.testing.assert_allclose(force, 0, atol=1e-5 * contraction)
 
 
+def test_a_ring_too_thin_pushes_itself_open():
+    """(least - rbar) outward on a circle below the least radius, nothing above it."""
+    least = float(coupling.THINNEST)
+    radius = least * np.linspace(0.25, 2.25, NS)
+    tube = circles(even_spine(NS), radius, NX)
+    force, _ = Rig((tube, even_spine(NS))).forces()
+    outward = circles(0 * even_spine(NS), 1.0, NX)
+    push = MASS * np.maximum(least - radius, 0)[:, None, None] * outward
+    np.testing.assert_allclose(force, push, atol=2e-3 * least)
+
+
 def test_closed_ends_feel_no_symmetry_expansion_or_ring_forces():
     force, _ = Rig((_closed(TUBE), SPINE), closed=True, b=1.0, c=1.0, balance=1.0, d=1.0, w10=1.0, w20=1.0).forces()
     np.testing.assert_array_equal(force[[0, -1]], 0)

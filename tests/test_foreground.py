@@ -51,7 +51,7 @@ def test_size_and_place():
     found = foreground(_scene(), AXIS)
     assert found.length == pytest.approx(120, rel=1e-3)
     assert 0.75 * HALF[1] < found.half_width < 1.02 * HALF[1]
-    np.testing.assert_allclose(found.axis[[0, -1]], CENTRE + [[-80, 0], [80, 0]], atol=4)
+    np.testing.assert_allclose(found.axis[[0, -1]], np.add(CENTRE, [[-80, 0], [80, 0]]), atol=4)
     np.testing.assert_allclose(found.axis[:, 1], 100, atol=0.5)
 
 

@@ -77,9 +77,11 @@ def _contour(column):
 
 @pytest.mark.parametrize("ahead", [-2.0, 0.3, 1.7])
 def test_offset_to_an_edge_beside_the_contour(ahead):
-    support = contour_support(*_contour(60.0), _edge(60.0 + ahead, 1e9), np.zeros((0, 0)), HALF)
-    np.testing.assert_allclose(support.offset, ahead, atol=0.05)
-    assert support.supported.all()
+    """Whatever the place of either between the samples."""
+    for column in np.linspace(60, 60 + STEP, 5):
+        support = contour_support(*_contour(column), _edge(column + ahead, 1e9), np.zeros((0, 0)), HALF)
+        np.testing.assert_allclose(support.offset, ahead, atol=0.05)
+        assert support.supported.all()
 
 
 def test_support_ends_where_the_edge_does():

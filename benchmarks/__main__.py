@@ -1,0 +1,35 @@
+"""`python -m benchmarks [--quick] [--out DIR]`: accuracy beside the peers, what each change is worth, timings."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from symseek.device import start_quietly
+
+from . import ablation, accuracy, speed
+
+TABLES = {"accuracy": accuracy.main, "ablation": ablation.main, "speed": speed.main}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(prog="benchmarks", description="Accuracy, ablation and speed, in that order.")
+    parser.add_argument("--quick", action="store_true", help="fewer shapes and runs")
+    parser.add_argument("--out", type=Path, help="folder for the tables as Markdown, a file each")
+    chosen = parser.parse_args(arguments)
+    start_quietly()
+    if chosen.out is not None:
+        chosen.out.mkdir(parents=True, exist_ok=True)
+    for name, table in TABLES.items():
+        print(f"== {name} ==\n", flush=True)
+        options = ["--quick"] if chosen.quick else []
+        options += [] if chosen.out is None else ["--out", str(chosen.out / f"{name}.md")]
+        if status := table(options):
+            return status
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

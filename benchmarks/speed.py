@@ -1,0 +1,162 @@
+"""Timings: an iteration, a photograph to a mesh by phase, and the start.
+
+`python -m benchmarks.speed [--quick] [--out FILE.md]` prints medians. Wall-clock times: they are worth as much as the
+machine was quiet.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import platform
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import warp as wp
+
+import symseek
+from symseek import cli
+from symseek.device import start_quietly
+from symseek.scene import Scene
+from symseek.sim.assembly import Assembly
+from symseek.sim.force import add_forces
+from symseek.sim.potential import sigma_list
+from symseek.sim.reconstruct import LEAST_SHARE, _Loop, reconstruct
+
+from .ablation import as_text
+
+RUNS = 5
+BATCH, BATCHES = 200, 9
+"""Iterations timed together, and how often."""
+GRIDS = ((25, 25), (49, 49))
+STARTS = {
+    "symseek --version": ["-m", "symseek", "--version"],
+    "import symseek": ["-c", "import symseek"],
+    "import symseek.reconstruct": ["-c", "from symseek import reconstruct"],
+    "python alone": ["-c", ""],
+}
+
+
+def machine() -> str:
+    """What the timings were taken on."""
+    name = platform.processor() or platform.machine()
+    info = Path("/proc/cpuinfo")
+    if info.exists():
+        models = [x.partition(":")[2].strip() for x in info.read_text().splitlines() if x.startswith("model name")]
+        name = models[0] if models else name
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    threads = os.environ.get("OMP_NUM_THREADS", "not set")
+    load = f", load before {os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else ""
+    return (
+        f"{name}, {cores} cores, OMP_NUM_THREADS {threads}{load}; "
+        f"Python {platform.python_version()}, Warp {wp.config.version}, numpy {np.__version__}"
+    )
+
+
+def squash() -> Scene:
+    """The scene that ships with the package, read anew."""
+    return symseek.load(cli.demos()["squash"])
+
+
+def iteration(scene: Scene, grid: tuple[int, int]) -> tuple[float, float]:
+    """Microseconds of one iteration of one tube at the finest scale: as plain launches, as a captured graph."""
+    tubes = [replace(tube, grid=grid) for tube in scene.tubes]
+    laid = Assembly(scene.views, tubes, scene.settings, "cpu")
+    space = laid.spaces[0]
+    sigma = sigma_list(laid.maps[0].half_width, space.step, None)[-1]
+    laid.set_potentials([space.at(sigma)])
+    laid.hold_depth()
+    laid.set_material(LEAST_SHARE)
+    loop = _Loop(laid, careful=False)
+    settings = scene.settings
+
+    def launches() -> None:
+        add_forces(laid.model, laid.state, settings.contour, settings.force == "paper", settings.tau)
+        loop.solver.step(laid.state)
+
+    start = laid.positions()
+    times = []
+    for step in (launches, loop.run):
+        laid.rewind(start)
+        times.append(1e6 * _each(step))
+    return times[0], times[1]
+
+
+def _each(step: Callable[[], None]) -> float:
+    """Median seconds of a step, after a batch to warm up."""
+    batches = []
+    for _ in range(BATCHES + 1):
+        start = time.perf_counter()
+        for _ in range(BATCH):
+            step()
+        batches.append((time.perf_counter() - start) / BATCH)
+    return float(np.median(batches[1:]))
+
+
+def phases(runs: int) -> dict[str, float]:
+    """Median seconds of each phase from photograph to mesh, kernels loaded before; "whole" is the median of the sums."""
+    every: list[dict[str, float]] = []
+    for _ in range(runs + 1):
+        scene = squash()
+        every.append({"read": scene.seconds, **reconstruct(scene.views, scene.tubes, scene.settings).seconds})
+        every[-1]["whole"] = sum(every[-1].values())
+    return {name: float(np.median([run[name] for run in every[1:]])) for name in every[0]}
+
+
+def start(arguments: Sequence[str], runs: int) -> float:
+    """Median seconds of a fresh Python with these arguments, after one to warm the disk up."""
+    times = []
+    for _ in range(runs + 1):
+        began = time.perf_counter()
+        subprocess.run([sys.executable, *arguments], check=True, stdout=subprocess.DEVNULL)
+        times.append(time.perf_counter() - began)
+    return float(np.median(times[1:]))
+
+
+def measure(quick: bool = False) -> list[tuple[str, list[list[str]]]]:
+    """Headings and tables, head first."""
+    runs = 3 if quick else RUNS
+    scene = squash()
+    reconstruct(scene.views, scene.tubes, scene.settings)  # compiles and loads the kernels
+    iterations = [["one tube, microseconds an iteration", "launches", "captured graph"]]
+    for grid in GRIDS:
+        iterations.append([f"{grid[0]} x {grid[1]}", *(f"{t:.0f}" for t in iteration(scene, grid))])
+    found = phases(runs)
+    by_phase = [["squash, photograph to mesh", "seconds"], *([name, f"{t:.3f}"] for name, t in found.items())]
+    starts = [["start", "seconds"], *([name, f"{start(arguments, runs):.3f}"] for name, arguments in STARTS.items())]
+    return [
+        ("An iteration", iterations),
+        (f"By phase, median of {runs} warm runs", by_phase),
+        (f"Start, median of {runs}", starts),
+    ]
+
+
+def report(tables: list[tuple[str, list[list[str]]]], on: str, markdown: bool) -> str:
+    """All tables, and the machine above them."""
+    pieces = [on, ""]
+    for heading, table in tables:
+        pieces += [("### " if markdown else "") + heading, "", as_text(table, markdown), ""]
+    return "\n".join(pieces)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(prog="benchmarks.speed", description="Timings.")
+    parser.add_argument("--quick", action="store_true", help="fewer runs")
+    parser.add_argument("--out", type=Path, help="file for the tables (.md)")
+    chosen = parser.parse_args(arguments)
+    start_quietly()
+    on = machine()  # before our own work raises the load
+    tables = measure(chosen.quick)
+    print(report(tables, on, markdown=False), flush=True)
+    if chosen.out is not None:
+        chosen.out.write_text(report(tables, on, markdown=True))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,127 @@
+"""From an image and rough clicks to a surface: accuracy on one known solid, and what must not change it."""
+
+import numpy as np
+import pytest
+
+from benchmarks import truth
+from symseek.scenes.synthetic import Sample, make
+from symseek.sim.camera import Camera
+from symseek.sim.problem import Settings, Tube, View
+from symseek.sim.reconstruct import ObjectResult, reconstruct
+
+SIZE = 256
+
+
+@pytest.fixture(scope="module")
+def sample() -> Sample:
+    return make(3, kind="pear", size=SIZE)
+
+
+@pytest.fixture(scope="module")
+def pear(sample) -> ObjectResult:
+    """With all defaults."""
+    return _solve(sample.image, sample.clicks)
+
+
+def _solve(image, clicks, camera=None, grid=(25, 25), callback=None, **settings) -> ObjectResult:
+    view = View(np.ascontiguousarray(image), camera or Camera.orthographic())
+    result = reconstruct([view], [Tube(clicks, grid=grid)], Settings(**settings), callback=callback)
+    assert result.settings == Settings(**settings) and set(result.seconds) >= {"map", "solve"}
+    return result.objects[0]
+
+
+def _apart(a, b, sample):
+    """Mean distance between two surfaces (vertices, faces), % of the object's length."""
+    return truth.surface_error(*a, *b, sample.length)
+
+
+def test_accuracy(pear, sample):
+    errors = truth.compare(pear.vertices, pear.faces, sample)
+    assert errors.iou > 0.985
+    assert errors.surface < 0.3 and abs(errors.volume) < 2 and errors.contour < 0.3
+    assert pear.converged and pear.trusted and not pear.warnings
+    assert pear.measures["supported_share"] > 0.95
+    assert pear.measures["length"] == pytest.approx(sample.length, rel=0.02)
+    assert pear.measures["volume"] == pytest.approx(truth.volume(pear.vertices, pear.faces))
+
+
+def test_result_is_whole(pear):
+    """Shapes, the paths of the history, and a contour of points with their support."""
+    assert pear.tube.shape == (1, 25, 25, 3) and pear.spine.shape == (1, 25, 3)
+    assert pear.velocity.shape == pear.tube.shape and not pear.velocity.any()
+    assert len(pear.history) <= 120
+    tube, spine, sigma = pear.history[-1]
+    np.testing.assert_array_equal(tube, pear.tube[0])
+    np.testing.assert_array_equal(spine, pear.spine[0])
+    sigmas = [h[2] for h in pear.history]
+    assert sigmas == sorted(sigmas, reverse=True) and sigma < sigmas[0]
+    assert [len(p) for p in pear.contour] == [len(s) for s in pear.support]
+    for values in (pear.tube, pear.spine, pear.vertices, *pear.contour):
+        assert np.all(np.isfinite(values))
+
+
+def test_same_bits_twice(pear, sample):
+    again = _solve(sample.image, sample.clicks)
+    np.testing.assert_array_equal(again.tube, pear.tube)
+    np.testing.assert_array_equal(again.spine, pear.spine)
+    assert again.iterations == pear.iterations and again.measures == pear.measures
+
+
+def test_callback_sees_each_iteration_and_stops(sample):
+    seen = []
+
+    def callback(progress):
+        seen.append((progress.iteration, progress.tube().copy(), progress.sigma))
+        return progress.iteration == 25
+
+    stopped = _solve(sample.image, sample.clicks, callback=callback)
+    assert [s[0] for s in seen] == list(range(1, 26)) and stopped.iterations == 25
+    assert not stopped.converged
+    np.testing.assert_array_equal(seen[-1][1], stopped.tube[0])
+    assert seen[0][1].shape == (25, 25, 3) and np.abs(seen[-1][1] - seen[0][1]).max() > 1
+    assert seen[0][2] > 0
+
+
+TURNS = {
+    "turned": (lambda image: np.rot90(image), lambda x, y: (y, SIZE - 1 - x)),
+    "mirrored": (lambda image: image[:, ::-1], lambda x, y: (SIZE - 1 - x, y)),
+    "reversed": (lambda image: 1 - image, lambda x, y: (x, y)),
+}
+
+
+@pytest.mark.parametrize(("change", "move"), TURNS.values(), ids=TURNS)
+def test_turned_mirrored_or_reversed_image(pear, sample, change, move):
+    """The same shape, turned, mirrored, or from the negative; depth apart, which a mirror image leaves as it was."""
+    other = _solve(change(sample.image), np.stack(move(*sample.clicks.T), -1))
+    moved = pear.vertices.copy()
+    moved[:, 0], moved[:, 1] = move(*pear.vertices.T[:2])
+    faces = pear.faces if truth.volume(moved, pear.faces) > 0 else pear.faces[:, ::-1]
+    assert _apart((moved, faces), (other.vertices, other.faces), sample) < 0.1
+
+
+def test_world_units_only_scale(pear, sample):
+    """A pixel of 0.002 units: everything 0.002 times as large, volumes by its cube."""
+    other = _solve(sample.image, sample.clicks, Camera.orthographic(0.002))
+    assert _apart((other.vertices / 0.002, other.faces), (pear.vertices, pear.faces), sample) < 1e-2
+    assert other.measures["volume"] == pytest.approx(0.002**3 * pear.measures["volume"], rel=1e-3)
+    residual, own = (o.measures["contour_residual_px"]["mean"] for o in (other, pear))
+    assert residual == pytest.approx(own, abs=0.01)  # in pixels still
+
+
+def test_larger_image_of_the_same_scene(pear, sample):
+    double = make(3, kind="pear", size=2 * SIZE)
+    large = _solve(double.image, double.clicks)
+    vertices = large.vertices / 2 - [0.25, 0.25, 0]  # pixel centres lie at whole numbers
+    assert _apart((vertices, large.faces), (pear.vertices, pear.faces), sample) < 0.2
+
+
+def test_finer_grid(pear, sample):
+    fine = _solve(sample.image, sample.clicks, grid=(49, 49))
+    assert _apart((fine.vertices, fine.faces), (pear.vertices, pear.faces), sample) < 0.1
+
+
+def test_twice_the_iterations_change_nothing(pear, sample):
+    """A state of rest: a far stricter tolerance moves the surface by less than 0.1 % of the length."""
+    longer = _solve(sample.image, sample.clicks, tolerance=1e-7, iterations=4 * pear.iterations)
+    assert longer.iterations >= 2 * pear.iterations
+    assert _apart((longer.vertices, longer.faces), (pear.vertices, pear.faces), sample) < 0.1
