@@ -2,7 +2,7 @@
 
 `python -m benchmarks.ablation [--quick] [--out FILE.md]` prints a table: medians and worst values over one shape of each
 kind, with one thing changed in each row. The plain gradient of (11) grows with the cube of 1 / sigma and with contrast,
-so no gain of ours suits it: the best of `GAINS` on other shapes is taken.
+so no gain of ours suits it: the best of `GAINS` on other shapes is taken. Likewise the c that unbalanced expansion needs.
 """
 
 from __future__ import annotations
@@ -28,8 +28,9 @@ from .accuracy import FAILED
 SEEDS = range(4001, 4001 + len(KINDS))
 """One shape of each kind; in no other benchmark."""
 SEARCH = (4101, 4104)
-"""Shapes on which a gain is chosen."""
+"""Shapes on which gain and c are chosen."""
 GAINS = (1e-5, 1e-4, 1e-3, 1e-2)
+EXPANSIONS = (0.003, 0.01, 0.03)
 COLUMNS = (
     "changed", "IoU median", "worst", "contour px", "worst", "3D %", "worst", "volume %", "worst", "iterations", "at rest",
     "failed",
@@ -44,10 +45,18 @@ class Row:
     settings: dict[str, Any] = field(default_factory=dict)
     material: dict[str, Any] = field(default_factory=dict)
 
-    @property
-    def literal(self) -> bool:
-        """Whether it needs a gain of its own."""
-        return self.settings.get("force") == "paper"
+    choose_c: bool = False
+    """whether c is to be chosen on other shapes."""
+
+    def choices(self) -> list[Row]:
+        """This row with every gain or c that may suit it; alone where nothing is to be chosen."""
+        if self.choose_c:
+            return [replace(self, name=f"{self.name}, c = {c:g}", material=self.material | {"c": c}) for c in EXPANSIONS]
+        if self.settings.get("force") == "paper":
+            return [
+                replace(self, name=f"{self.name}, gain {gain:g}", settings=self.settings | {"gain": gain}) for gain in GAINS
+            ]
+        return [self]
 
 
 @dataclass(frozen=True)
@@ -66,9 +75,11 @@ class Outcome:
 ROWS = (
     Row("nothing: all defaults"),
     Row('contour = "switch"', {"contour": "switch"}),
+    Row('contour = "switch", tau = 0.2', {"contour": "switch", "tau": 0.2}),
     Row('force = "paper"', {"force": "paper"}),
     Row('potential = "brightness"', {"potential": "brightness"}),
     Row("c_balance = 0", material={"c_balance": 0.0}),
+    Row("c_balance = 0", material={"c_balance": 0.0}, choose_c=True),
     Row("reaction = 1", material={"reaction": 1.0}),
     Row("d = 0", material={"d": 0.0}),
     Row("centre = 0", material={"centre": 0.0}),
@@ -98,16 +109,15 @@ def attempt(row: Row, sample: Sample) -> Outcome:
     return Outcome(errors, found.iterations, found.converged)
 
 
-def with_gain(row: Row, samples: Sequence[Sample]) -> Row:
-    """The row with that of `GAINS` whose mean IoU over the samples is best."""
+def chosen(row: Row, samples: Sequence[Sample]) -> Row:
+    """That of the row's choices whose mean IoU over the samples is best."""
 
-    def merit(gain: float) -> float:
-        tried = replace(row, settings=row.settings | {"gain": gain})
+    def merit(tried: Row) -> float:
         outcomes = (attempt(tried, sample) for sample in samples)
         return float(np.mean([o.errors.iou if o.errors else 0.0 for o in outcomes]))
 
-    gain = max(GAINS, key=merit)
-    return replace(row, name=f"{row.name}, gain {gain:g}", settings=row.settings | {"gain": gain})
+    choices = row.choices()
+    return max(choices, key=merit) if len(choices) > 1 else row
 
 
 def line(name: str, outcomes: list[Outcome]) -> list[str]:
@@ -151,8 +161,8 @@ def measure(quick: bool = False) -> list[list[str]]:
     attempt(ROWS[0], samples[0])  # compiles the kernels
     table = [list(COLUMNS)]
     for row in ROWS:
-        chosen = with_gain(row, search) if row.literal else row
-        table.append(line(chosen.name, [attempt(chosen, sample) for sample in samples]))
+        best = chosen(row, search)
+        table.append(line(best.name, [attempt(best, sample) for sample in samples]))
         print("  ".join(table[-1]), file=sys.stderr, flush=True)
     return table
 
@@ -162,7 +172,8 @@ def report(table: list[list[str]], count: int, markdown: bool) -> str:
     head = f"What each change is worth: {count} shapes of {count} kinds, 512 px, five clicks off by 4 px, 25 x 25"
     below = (
         f"Failed: an exception, or an IoU below {FAILED:g}. At rest: runs that converged. For the plain gradient of (11), "
-        f"the gain is the best of {', '.join(f'{g:g}' for g in GAINS)} on other shapes."
+        f"the gain is the best of {', '.join(f'{g:g}' for g in GAINS)} on other shapes; a c beside c_balance = 0 likewise "
+        f"of {', '.join(f'{c:g}' for c in EXPANSIONS)}."
     )
     return f"{'### ' if markdown else ''}{head}\n\n{as_text(table, markdown)}\n\n{below}\n"
 
@@ -171,13 +182,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="benchmarks.ablation", description="What each of our changes is worth.")
     parser.add_argument("--quick", action="store_true", help="four shapes")
     parser.add_argument("--out", type=Path, help="file for the table (.md)")
-    chosen = parser.parse_args(arguments)
+    given = parser.parse_args(arguments)
     start_quietly()
-    table = measure(chosen.quick)
-    count = 4 if chosen.quick else len(SEEDS)
+    table = measure(given.quick)
+    count = 4 if given.quick else len(SEEDS)
     print(report(table, count, markdown=False), flush=True)
-    if chosen.out is not None:
-        chosen.out.write_text(report(table, count, markdown=True))
+    if given.out is not None:
+        given.out.write_text(report(table, count, markdown=True))
     return 0
 
 

@@ -143,7 +143,7 @@ class ScaleSpace:
         # an outline smoothed by sigma has slope 1 / (sigma sqrt(2 pi)): a unit spring at the edge
         pressure = np.sqrt(np.pi / 2) * sigma * sure
         # on an outline that is plain from both sides a pole is left alone: pushed there, it would slide along
-        pole = sigma * np.sign(sure) * np.clip(2 * np.abs(sure) - 1, 0, 1)
+        pole = max(sigma, 2.5 * self.step) * np.sign(sure) * np.clip(1.25 * np.abs(sure) - 0.25, 0, 1)
         if sigma > MAP_LED * self.map.half_width:
             return self._potential(sigma, [nothing, nothing, pressure, pole], p)
         return self._potential(sigma, [*pull, pressure * floor / (p + floor), pole], p)

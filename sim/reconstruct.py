@@ -22,6 +22,9 @@ CHECK = 10
 """Iterations between two looks at the residual."""
 COARSE = 10.0
 """How much more residual a coarse scale may keep: the next scale moves the tube further than that anyway."""
+REST = 3e-4
+"""How far a node may still move in `LOOK` iterations at the finest scale: soft modes are slow at any residual."""
+LOOK = 50
 LOST = 1.0
 """Residual force at which the solver has diverged [initial spine lengths]."""
 LEAST_SHARE = 0.01
@@ -130,16 +133,19 @@ def reconstruct(
         tolerance = settings.tolerance * (1.0 if stage == stages - 1 else COARSE)
         # what earlier scales did not use is left to later ones
         end = progress.iteration + (settings.iterations - progress.iteration) // (stages - stage)
-        converged = False
+        converged, moved, before = False, float("inf"), start[0]
         while progress.iteration < end and not (converged or stopped or diverged):
             if progress.iteration % max(CHECK, settings.iterations // (10 * SNAPSHOTS)) == 0:
                 for k in range(len(tubes)):
                     history[k].append((*scene.world(k), sigmas[k]))
             loop.run()
             progress.iteration += 1
+            if stage == stages - 1 and progress.iteration % LOOK == 0:
+                now = scene.positions()[0]
+                moved, before = float(np.linalg.norm(now - before, axis=1).max()), now
             if progress.iteration % CHECK == 0 or progress.iteration == end:
                 progress.residual = loop.residual()
-                converged = progress.residual < tolerance
+                converged = progress.residual < tolerance and (stage < stages - 1 or moved < REST)
                 if not progress.residual < LOST:
                     scene.rewind(start)
                     diverged, again = again, True

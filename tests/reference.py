@@ -5,7 +5,7 @@ Tubes are (ns, nx, 3), ring after ring; spines (ns, 3). Material steps are 1 / n
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -112,6 +112,6 @@ def project(matrix: np.ndarray, v: np.ndarray) -> np.ndarray:
     return h[:2] / h[2]
 
 
-def slope(sizes: list[int], errors: list[float]) -> float:
+def slope(sizes: Sequence[int], errors: Sequence[float]) -> float:
     """Order of convergence: minus the slope of log error over log size, by regression."""
     return -float(np.polyfit(np.log(sizes), np.log(errors), 1)[0])

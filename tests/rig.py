@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import warp as wp
+from numpy.typing import ArrayLike
 
 from symseek.kernels import contour, image
 from symseek.sim import model as layout
@@ -60,8 +63,8 @@ class Rig:
         tube = self.state.force.numpy()[: nx * ns].reshape(ns, nx, 3)
         return tube.astype(float), self.state.spine_force.numpy().astype(float)
 
-    def launch(self, kernel: wp.Kernel, size: int, **arguments) -> None:
-        """Launches a kernel by the names of its arguments: those given, else the model's, else (`_in`, `_out`) the state's."""
+    def launch(self, kernel: Any, size: int, **arguments: Any) -> None:
+        """Launches a kernel by names of arguments: those given, else the model's, else (`_in`, `_out`) the state's."""
         names = [a.label for a in kernel.adj.args]
         for name in names:
             if name not in arguments:
@@ -90,7 +93,7 @@ def even_spine(ns: int, length: float = 1.0) -> np.ndarray:
     return np.linspace(0, length, ns)[:, None] * np.array([0.0, 1.0, 0.0])
 
 
-def circles(spine: np.ndarray, radius: np.ndarray | float, nx: int, turn: float = 0.0) -> np.ndarray:
+def circles(spine: np.ndarray, radius: ArrayLike, nx: int, turn: float = 0.0) -> np.ndarray:
     """Circles across Y round a spine, outward normals by dx cross ds, (ns, nx, 3)."""
     angle = 2 * np.pi * np.arange(nx) / nx + turn
     ring = np.stack([np.cos(angle), np.zeros(nx), -np.sin(angle)], -1)
@@ -107,7 +110,7 @@ def ring_crossings(
 ):
     """Sets the contour's crossing on each node's edge to the next node of its ring; any point where there is none."""
     i = wp.tid()
-    position_out[i] = contour.along_ring(tube, normal, facing, i - i % n, i % n, n).position
+    position_out[i] = contour.along_ring(tube, normal, facing, i - i % n, i % n, n).position  # pyright: ignore
 
 
 @wp.kernel(enable_backward=False)
@@ -121,4 +124,4 @@ def meridian_crossings(
 ):
     """Sets the contour's crossing on each node's edge to the next ring; any point where there is none."""
     i = wp.tid()
-    position_out[i] = contour.along_meridian(tube, normal, facing, i, n, i // n, ns).position
+    position_out[i] = contour.along_meridian(tube, normal, facing, i, n, i // n, ns).position  # pyright: ignore

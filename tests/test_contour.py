@@ -125,8 +125,6 @@ def test_crossings_lie_on_the_contour_to_third_order(shape):
     assert errors[-1] < 2e-5
 
 
-
-
 def test_a_linear_potential_pulls_by_the_contours_length():
     """(11) with gradient g: the force is g times the length 2 of the cylinder's contour, at the contour's middle."""
     g = np.array([0.3, -0.7])
@@ -183,7 +181,7 @@ def test_every_case_of_a_cell_is_drawn():
     y, x = np.mgrid[:ns, :nx].astype(float)
     sheet = np.stack([x, y, 0 * x], -1)
     r = Rig((sheet, sheet[:, 0]), picture=_flat([1, 0, 0, 0]))
-    r.state.normal.assign(np.tile(np.float32([0, 0, -1]), (ns * nx, 1)))
+    r.state.normal.assign(np.tile(np.array([0, 0, -1], np.float32), (ns * nx, 1)))
     r.state.facing.assign(sign.ravel().astype(np.float32))
     r.state.force.zero_()
     r.launch(contour.contour_force, ns * nx, view=0, literal=1)
@@ -215,7 +213,7 @@ def test_force_is_the_gradient_of_the_projected_potential():
         nodes = r.tube().reshape(-1, 3)
 
         def energy(v, matrix=camera.matrix):
-            return _quadratic(reference.project(matrix, v))[0]
+            return float(_quadratic(reference.project(matrix, v))[0])
 
         exact = np.stack([reference.gradient(energy, v, 1e-5) for v in nodes])
         gains.append(np.sum(force * exact) / np.sum(exact**2))

@@ -1,5 +1,7 @@
 """Elastic forces of line, ring and sheet: (4), (5) against differences of the energies (2), (3) and closed forms."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -31,7 +33,8 @@ def _rounding(tension: float, rigidity: float, size: float) -> float:
 @pytest.mark.parametrize("name", [*WEIGHTS, "all"])
 def test_tube_force_is_half_the_gradient_of_3(name):
     weights = {w: _uneven((NS, NX)) if name in (w, "all") else np.zeros((NS, NX)) for w in WEIGHTS}
-    force, _ = Rig((TUBE, SPINE), **{w: a.ravel() for w, a in weights.items()}).forces()
+    flat: dict[str, Any] = {w: a.ravel() for w, a in weights.items()}
+    force, _ = Rig((TUBE, SPINE), **flat).forces()
     gradient = reference.gradient(lambda v: reference.tube_energy(v, **weights), TUBE, 1e-2)
     rows = {"w10": 4 / HX**2, "w20": 16 / HX**4, "w11": 32 / (HX * HS) ** 2, "w01": 4 / HS**2, "w02": 16 / HS**4}
     atol = 2 * EPS * np.abs(TUBE).max() * rows.get(name, sum(rows.values()))
@@ -138,6 +141,7 @@ def test_force_converges_to_4(name, sizes):
         line = np.zeros((n, NX, 3))
         line[..., 0] = np.sin(k * s)[:, None]
         edge = s + 0.5 / (n - 1)
+        weights: dict[str, Any]
         if name == "tension":
             weights = {"w01": np.repeat(1 + edge, NX)}
             exact = k * np.cos(k * s) - (1 + s) * k**2 * np.sin(k * s)

@@ -15,9 +15,7 @@ def _space(image, half_width, inside=None, ignore=None, **settings):
     h, w = image.shape
     inside = np.full((h, w), 0.5, np.float32) if inside is None else inside
     axis = np.array([[0.0, h / 2], [w - 1, h / 2]])
-    map_ = Foreground(
-        inside=inside, step=1.0, origin=(0.0, 0.0), length=float(w), half_width=half_width, axis=axis
-    )
+    map_ = Foreground(inside=inside, step=1.0, origin=(0.0, 0.0), length=float(w), half_width=half_width, axis=axis)
     view = View(image.astype(np.float32), ignore=ignore)
     return ScaleSpace(view, Camera.orthographic(), map_, Settings(**settings))
 

@@ -32,7 +32,8 @@ def _solve(image, clicks, camera=None, grid=(25, 25), callback=None, **settings)
 
 def _apart(a, b, sample):
     """Mean distance between two surfaces (vertices, faces), % of the object's length."""
-    return truth.surface_error(*a, *b, sample.length)
+    (v, f), (true_v, true_f) = a, b
+    return truth.surface_error(v, f, true_v, true_f, sample.length)
 
 
 def test_accuracy(pear, sample):
