@@ -146,11 +146,17 @@ def _mixed(seed: int) -> Case:
     """A solid out of round, one in four also tilted, under a light and noise by chance."""
     rng = np.random.default_rng(seed)
     tilt = rng.uniform(4, 12) if rng.random() < 0.25 else None
-    return Case(seed, {
-        "out_of_round": rng.uniform(0, 0.05), "tilt": tilt, "noise": rng.uniform(0.005, 0.05),
-        "ambient": rng.uniform(0.35, 0.7), "contrast": str(rng.choice(["bright", "dark"])),
-        "click_error": rng.uniform(2, 8),
-    })
+    return Case(
+        seed,
+        {
+            "out_of_round": rng.uniform(0, 0.05),
+            "tilt": tilt,
+            "noise": rng.uniform(0.005, 0.05),
+            "ambient": rng.uniform(0.35, 0.7),
+            "contrast": str(rng.choice(["bright", "dark"])),
+            "click_error": rng.uniform(2, 8),
+        },
+    )
 
 
 def parts(title: str, scores: list[Score]) -> list[tuple[str, list[Score]]]:
@@ -177,8 +183,20 @@ def score(method: str, case: Case, sample: Sample) -> Score:
 
 
 COLUMNS = (
-    "method", "n", "IoU median", "worst", "contour px", "worst", "3D %", "worst", "volume %", "worst",
-    "CPU s", "failed", "silently", "needless alarms",
+    "method",
+    "n",
+    "IoU median",
+    "worst",
+    "contour px",
+    "worst",
+    "3D %",
+    "worst",
+    "volume %",
+    "worst",
+    "CPU s",
+    "failed",
+    "silently",
+    "needless alarms",
 )
 
 
@@ -214,8 +232,10 @@ def ratio_to_oracle(scores: list[Score]) -> list[str]:
     for method in dict.fromkeys(s.method for s in scores if s.method != ORACLE and best):
         ratios = [s.errors.surface / best[s.case.seed] for s in scores if s.method == method and s.errors]
         if ratios:
-            out.append(f"{method}: 3D error over that of the circles on the true axis: "
-                       f"median {np.median(ratios):.2f}, worst {max(ratios):.2f}")
+            out.append(
+                f"{method}: 3D error over that of the circles on the true axis: "
+                f"median {np.median(ratios):.2f}, worst {max(ratios):.2f}"
+            )
     return out
 
 

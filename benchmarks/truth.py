@@ -38,7 +38,10 @@ def compare(vertices: np.ndarray, faces: np.ndarray, sample: Sample) -> Errors:
     outline = silhouette(vertices, faces, sample.camera, sample.coverage.shape)
     mean, p95, largest = outline_error(outline, sample.coverage)
     return Errors(
-        iou=overlap(outline, sample.coverage), contour=mean, contour_p95=p95, contour_max=largest,
+        iou=overlap(outline, sample.coverage),
+        contour=mean,
+        contour_p95=p95,
+        contour_max=largest,
         surface=surface_error(vertices, faces, sample.vertices, sample.faces, sample.length),
         volume=volume_error(vertices, faces, sample.volume),
     )
@@ -62,8 +65,12 @@ def compare_outline(outline: np.ndarray, sample: Sample) -> Errors:
     inside = outline_coverage(outline, sample.coverage.shape)
     mean, p95, largest = outline_error(inside, sample.coverage)
     return Errors(
-        iou=overlap(inside, sample.coverage), contour=mean, contour_p95=p95, contour_max=largest,
-        surface=float("nan"), volume=float("nan"),
+        iou=overlap(inside, sample.coverage),
+        contour=mean,
+        contour_p95=p95,
+        contour_max=largest,
+        surface=float("nan"),
+        volume=float("nan"),
     )
 
 
@@ -79,7 +86,10 @@ def silhouette_iou(vertices: np.ndarray, faces: np.ndarray, camera: Camera, trut
 
 
 def contour_error(
-    vertices: np.ndarray, faces: np.ndarray, camera: Camera, truth: np.ndarray,
+    vertices: np.ndarray,
+    faces: np.ndarray,
+    camera: Camera,
+    truth: np.ndarray,
 ) -> tuple[float, float, float]:
     """`outline_error` of a mesh's silhouette against a coverage (H, W)."""
     return outline_error(silhouette(vertices, faces, camera, truth.shape), truth)
@@ -99,7 +109,11 @@ def outline_error(a: np.ndarray, b: np.ndarray) -> tuple[float, float, float]:
 
 
 def surface_error(
-    vertices: np.ndarray, faces: np.ndarray, true_vertices: np.ndarray, true_faces: np.ndarray, length: float,
+    vertices: np.ndarray,
+    faces: np.ndarray,
+    true_vertices: np.ndarray,
+    true_faces: np.ndarray,
+    length: float,
     count: int = 8000,
 ) -> float:
     """Mean distance between two surfaces, both ways, in % of `length`.
@@ -195,7 +209,10 @@ def _spread(triangles: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _to_surface(
-    points: np.ndarray, triangles: np.ndarray, more: int = 40000, candidates: int = 5,
+    points: np.ndarray,
+    triangles: np.ndarray,
+    more: int = 40000,
+    candidates: int = 5,
 ) -> np.ndarray:
     """Distance of points (n, 3) to the nearest of those triangles whose centre or other samples lie close."""
     cloud, face = _spread(triangles, more)  # large triangles need more than their centre

@@ -1,6 +1,7 @@
 """Pentadiagonal lines, open and cyclic: the forward-reverse resolution of section 5 with factors made by the host.
 
-Factors are those of L D L^T (the paper's normalised Cholesky step): `lower1`, `lower2` below the diagonal of L and `inverse` = 1 / D.
+Factors are those of L D L^T (the paper's normalised Cholesky step): `lower1` and `lower2` below the diagonal of L,
+`inverse` = 1 / D.
 """
 
 import warp as wp

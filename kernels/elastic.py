@@ -71,7 +71,7 @@ def ring_force(
 
 @wp.func
 def cell_twist(v: wp.array[wp.vec3], weight: wp.array[float], start: int, x: int, n: int):
-    """Weighted mixed difference w11 (v11 - v10 - v01 + v00) of the cell whose first corner is node x of the ring at start."""
+    """Mixed difference w11 (v11 - v10 - v01 + v00) of the cell whose first corner is node x of the ring at start."""
     y = (x + 1) % n
     return weight[start + x] * (v[start + n + y] - v[start + n + x] - v[start + y] + v[start + x])
 

@@ -28,7 +28,7 @@ def split_modes(
     low_out: wp.array[wp.vec3],
     residual_out: wp.array[float],
 ):
-    """Sets dt R apart into the ring's modes k = 0, +-1 (with a longer step) and the rest; and the squared residual of place and radius.
+    """Sets dt R, parted into the ring's modes k = 0, +-1 (with a longer step) and the rest, and the squared residual.
 
     `low_out` holds four lines of `rings` entries: mean, cosine, sine, spine. `first_mode` is the ring's stiffness in
     mode 1. A closed end has its mean alone.

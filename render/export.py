@@ -17,9 +17,7 @@ FRAME = "X right, Y down, Z away from the viewer"
 _WORLD_TO_GLTF = np.array([1.0, -1.0, -1.0])  # half a turn about X: Y up, +Z toward the viewer
 
 
-def write_ply(
-    path: str | Path, vertices: np.ndarray, faces: np.ndarray, units: str = "px", frame: str = FRAME
-) -> None:
+def write_ply(path: str | Path, vertices: np.ndarray, faces: np.ndarray, units: str = "px", frame: str = FRAME) -> None:
     """Write a binary little-endian PLY with vertex normals; units and frame stand in its comments.
 
     Args:
@@ -88,9 +86,7 @@ def write_glb(
         process=False,
     )
     linear = (np.asarray(colour) / 255.0) ** 2.2  # glTF's factors are linear
-    material = PBRMaterial(
-        name=name, baseColorFactor=[*linear, 1.0], metallicFactor=0.0, roughnessFactor=0.55
-    )
+    material = PBRMaterial(name=name, baseColorFactor=[*linear, 1.0], metallicFactor=0.0, roughnessFactor=0.55)
     mesh.visual = TextureVisuals(material=material)
     scene = trimesh.Scene()
     scene.add_geometry(mesh, node_name=name, geom_name=name)

@@ -150,9 +150,7 @@ def _pieces(lines: Polylines, size: np.ndarray, reach: int) -> tuple[np.ndarray,
     return starts[whole] + low[:, None] * along[whole], starts[whole] + high[:, None] * along[whole]
 
 
-def _clipped(
-    starts: np.ndarray, ends: np.ndarray, low: float, high: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def _clipped(starts: np.ndarray, ends: np.ndarray, low: float, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The parts of segments inside a box (Liang and Barsky); segments outside are dropped."""
     along = ends - starts
     safe = np.where(along == 0, 1e-30, along)

@@ -52,9 +52,7 @@ class Surface:
         self._scene.add(self._camera, pose=pose)
         self._material = pyrender.MetallicRoughnessMaterial(baseColorFactor=[1.0, 1.0, 1.0, 1.0])
 
-    def draw(
-        self, positions: np.ndarray, colours: np.ndarray, triangles: np.ndarray, reach: float, box: Box
-    ) -> np.ndarray:
+    def draw(self, positions: np.ndarray, colours: np.ndarray, triangles: np.ndarray, reach: float, box: Box) -> np.ndarray:
         """Draw triangles that turn counter-clockwise to the eye.
 
         Args:

@@ -153,9 +153,7 @@ def draw(picture: np.ndarray, photo: Photo, drawing: Drawing, width: float) -> N
     loose = [part for line, flags in flagged for part in runs(line, flags, False)]
     loose = [dash for part in loose for dash in dashes(part, 7 * width, 5 * width)]
     _haloed(picture, loose, UNSUPPORTED, width * 1.6)
-    _haloed(
-        picture, [part for line, flags in flagged for part in runs(line, flags, True)], SUPPORTED, width * 1.6
-    )
+    _haloed(picture, [part for line, flags in flagged for part in runs(line, flags, True)], SUPPORTED, width * 1.6)
 
 
 def as_rgb(image: np.ndarray) -> np.ndarray:

@@ -39,9 +39,7 @@ def write_text(
     patch[:] = np.asarray(drawn)
 
 
-def plate(
-    image: np.ndarray, box: tuple[int, int, int, int], colour: Colour, alpha: float, radius: int = 6
-) -> None:
+def plate(image: np.ndarray, box: tuple[int, int, int, int], colour: Colour, alpha: float, radius: int = 6) -> None:
     """Lay a translucent plate with round corners over (left, top, right, bottom) of an image, in place."""
     left, top, right, bottom = box
     patch = image[max(top, 0) : bottom, max(left, 0) : right]

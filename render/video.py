@@ -55,9 +55,7 @@ def _encode(path: Path, frames: Iterator[np.ndarray], fps: float, crf: int) -> i
         stream = _stream(container, first.shape, fps, crf)
         for count, frame in enumerate(chain([first], frames), start=1):
             if frame.dtype != np.uint8 or frame.shape != (*first.shape[:2], 3):
-                raise ValueError(
-                    f"frame {count}: need uint8 {(*first.shape[:2], 3)}, got {frame.dtype} {frame.shape}"
-                )
+                raise ValueError(f"frame {count}: need uint8 {(*first.shape[:2], 3)}, got {frame.dtype} {frame.shape}")
             container.mux(stream.encode(_picture(frame, converter)))
         container.mux(stream.encode())
     return count

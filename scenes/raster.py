@@ -30,7 +30,11 @@ def coverage(points: np.ndarray, faces: np.ndarray, shape: tuple[int, int], samp
 
 
 def visible(
-    points: np.ndarray, depth: np.ndarray, faces: np.ndarray, shape: tuple[int, int], samples: int,
+    points: np.ndarray,
+    depth: np.ndarray,
+    faces: np.ndarray,
+    shape: tuple[int, int],
+    samples: int,
 ) -> np.ndarray:
     """Face nearest to the viewer at each sample, -1 where there is none, shape (H * samples, W * samples).
 
@@ -48,7 +52,10 @@ def visible(
 
 
 def barycentric(
-    points: np.ndarray, faces: np.ndarray, seen: np.ndarray, samples: int,
+    points: np.ndarray,
+    faces: np.ndarray,
+    seen: np.ndarray,
+    samples: int,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Where `seen` shows a face: row and column of the sample, face (k,) and coordinates in it (k, 3)."""
     row, column = np.nonzero(seen >= 0)
@@ -63,7 +70,10 @@ def barycentric(
 
 
 def _spans(
-    points: np.ndarray, faces: np.ndarray, shape: tuple[int, int], samples: int,
+    points: np.ndarray,
+    faces: np.ndarray,
+    shape: tuple[int, int],
+    samples: int,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Row of samples, first column, column after the last and face of each piece of a triangle on a row.
 

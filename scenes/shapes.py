@@ -43,7 +43,10 @@ def sweep(kind: str, rng: np.random.Generator) -> Sweep:
 
 
 def mesh(
-    solid: Sweep, around: int = 192, along: int = 256, out_of_round: float = 0.0,
+    solid: Sweep,
+    around: int = 192,
+    along: int = 256,
+    out_of_round: float = 0.0,
     rng: np.random.Generator | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Vertices (around * (along - 2) + 2, 3) and faces (F, 3) of a solid, watertight, normals outward.
@@ -83,16 +86,21 @@ def _faces(around: int, rings: int) -> np.ndarray:
     step = around * np.arange(rings - 1)[:, None]
     a, b = (step + first).ravel(), (step + following).ravel()
     pole, last = np.zeros(around, int), around * (rings - 1)
-    return np.concatenate([
-        np.stack([pole, following, first], 1),
-        np.stack([a, b, a + around], 1),
-        np.stack([b, b + around, a + around], 1),
-        np.stack([last + first, last + following, np.full(around, last + around + 1)], 1),
-    ])
+    return np.concatenate(
+        [
+            np.stack([pole, following, first], 1),
+            np.stack([a, b, a + around], 1),
+            np.stack([b, b + around, a + around], 1),
+            np.stack([last + first, last + following, np.full(around, last + around + 1)], 1),
+        ]
+    )
 
 
 def _sections(
-    station: np.ndarray, angle: np.ndarray, amount: float, rng: np.random.Generator | None,
+    station: np.ndarray,
+    angle: np.ndarray,
+    amount: float,
+    rng: np.random.Generator | None,
 ) -> np.ndarray:
     """Factors on the radius, shape (stations, angles): 1 for circles."""
     out = np.ones((len(station), len(angle)))
@@ -297,6 +305,14 @@ def _egg(rng):
 
 
 _PROFILES = {
-    "bent": _bent, "squash": _squash, "pear": _pear, "peanut": _peanut, "bottle": _bottle, "vase": _vase,
-    "banana": _banana, "carrot": _carrot, "worm": _worm, "egg": _egg,
+    "bent": _bent,
+    "squash": _squash,
+    "pear": _pear,
+    "peanut": _peanut,
+    "bottle": _bottle,
+    "vase": _vase,
+    "banana": _banana,
+    "carrot": _carrot,
+    "worm": _worm,
+    "egg": _egg,
 }

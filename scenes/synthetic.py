@@ -99,16 +99,29 @@ def make(
     image = (1 - alpha) * background + alpha * shade[..., None] * paint
     image = np.clip(image + noise * noise_rng.standard_normal(image.shape), 0, 1).astype(np.float32)
     return Sample(
-        image=image if colour else image[..., 0], coverage=cover, vertices=vertices, faces=faces, spine=spine,
+        image=image if colour else image[..., 0],
+        coverage=cover,
+        vertices=vertices,
+        faces=faces,
+        spine=spine,
         radius=scale * size * _mean_radius(solid, len(spine)),
-        clicks=_clicks(spine, click_error * size / 512, click_rng), length=scale * size,
-        volume=_volume(vertices, faces), camera=Camera.orthographic(), kind=kind, seed=seed,
+        clicks=_clicks(spine, click_error * size / 512, click_rng),
+        length=scale * size,
+        volume=_volume(vertices, faces),
+        camera=Camera.orthographic(),
+        kind=kind,
+        seed=seed,
     )
 
 
 def render(
-    vertices: np.ndarray, faces: np.ndarray, shape: tuple[int, int], light: np.ndarray, ambient: float = 0.6,
-    gloss: float = 0.0, samples: int = 2,
+    vertices: np.ndarray,
+    faces: np.ndarray,
+    shape: tuple[int, int],
+    light: np.ndarray,
+    ambient: float = 0.6,
+    gloss: float = 0.0,
+    samples: int = 2,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Lambert's shading of a smooth mesh seen along Z, and how much of each pixel it covers, float32 (H, W).
 
@@ -156,7 +169,10 @@ def _volume(vertices: np.ndarray, faces: np.ndarray) -> float:
 
 
 def _placement(
-    vertices: np.ndarray, axis: np.ndarray, tilt: float, rng: np.random.Generator,
+    vertices: np.ndarray,
+    axis: np.ndarray,
+    tilt: float,
+    rng: np.random.Generator,
 ) -> tuple[float, np.ndarray, np.ndarray]:
     """Scale, rotation and shift of the solid, in units of the image's side, that keep it in the picture."""
     chord = axis[-1] - axis[0]
@@ -180,7 +196,10 @@ def _turn_z(angle: float) -> np.ndarray:
 
 
 def _look(
-    rng: np.random.Generator, size: int, contrast: str, colour: bool,
+    rng: np.random.Generator,
+    size: int,
+    contrast: str,
+    colour: bool,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Direction to the light (3,), colour of the solid (k,) and background (size, size, k); k is 3 or 1."""
     off, around = np.radians(rng.uniform(10, 45)), rng.uniform(0, 2 * np.pi)
@@ -213,9 +232,7 @@ def write_squash(folder: Path) -> None:
     axis = np.column_stack([solid.axis[::20], np.zeros(len(solid.axis[::20]))])
     turn = _turn_z(SQUASH_ANGLE)
     middle = np.append((vertices @ turn.T)[:, :2].max(0) + (vertices @ turn.T)[:, :2].min(0), 0) / 2
-    vertices, axis = (
-        SQUASH_LENGTH * (p @ turn.T - middle) + [width / 2, height / 2, 0] for p in (vertices, axis)
-    )
+    vertices, axis = (SQUASH_LENGTH * (p @ turn.T - middle) + [width / 2, height / 2, 0] for p in (vertices, axis))
     light = np.array([-0.5, -0.62, -1.0])
     shade, cover = render(vertices, faces, (height, width), light, ambient=0.42, gloss=0.22)
     image = _table(cover) * (1 - cover[..., None]) + _rind(axis, cover.shape) * (shade * cover)[..., None]
@@ -224,8 +241,12 @@ def write_squash(folder: Path) -> None:
     picture = Image.fromarray(np.uint8(np.round(255 * np.clip(image, 0, 1))))
     picture.save(folder / "squash.jpg", quality=92, subsampling=0)
     np.savez_compressed(
-        folder / "truth.npz", vertices=vertices.astype(np.float32), faces=faces.astype(np.uint16),
-        spine=axis, radius=SQUASH_LENGTH * _mean_radius(solid, len(axis)), length=SQUASH_LENGTH,
+        folder / "truth.npz",
+        vertices=vertices.astype(np.float32),
+        faces=faces.astype(np.uint16),
+        spine=axis,
+        radius=SQUASH_LENGTH * _mean_radius(solid, len(axis)),
+        length=SQUASH_LENGTH,
         volume=_volume(vertices, faces),
     )
 

@@ -22,7 +22,7 @@ CORE, FAR, MARGIN = 0.02, 0.45, 0.75
 PRIOR, SEED = 0.003, 10.0
 """Weights of prior and seeds against the image's edges."""
 UNEVEN, SLACK, SHORT = 1.5, 0.04, 0.2
-"""Farthest that the object reaches to a side, times its width on the narrow side, plus lengths of the axis; past its ends."""
+"""Farthest that the object reaches to a side, times its width on the narrow one, plus lengths of the axis; past the ends."""
 CLEAR = 1.0
 """Log likelihood ratio of colours that are the object's wherever they are."""
 BINS = 32

@@ -23,7 +23,7 @@ CHECK = 10
 COARSE = 10.0
 """How much more residual a coarse scale may keep: the next scale moves the tube further than that anyway."""
 REST = 3e-4
-"""How far a node may still move in `LOOK` iterations at the finest scale: soft modes are slow at any residual."""
+"""How far nodes may still move (root mean square) in `LOOK` iterations at the finest scale: soft modes are slow."""
 LOOK = 50
 LOST = 1.0
 """Residual force at which the solver has diverged [initial spine lengths]."""
@@ -142,7 +142,7 @@ def reconstruct(
             progress.iteration += 1
             if stage == stages - 1 and progress.iteration % LOOK == 0:
                 now = scene.positions()[0]
-                moved, before = float(np.linalg.norm(now - before, axis=1).max()), now
+                moved, before = float(np.sqrt(((now - before) ** 2).sum(axis=1).mean())), now
             if progress.iteration % CHECK == 0 or progress.iteration == end:
                 progress.residual = loop.residual()
                 converged = progress.residual < tolerance and (stage < stages - 1 or moved < REST)

@@ -25,9 +25,7 @@ class SceneError(ValueError):
 
     def __init__(self, source: str, field: str, problem: str, remedy: str = ""):
         self.source, self.field, self.problem, self.remedy = source, field, problem, remedy
-        super().__init__(
-            ": ".join(p for p in (source, field, problem) if p) + (f"; {remedy}" if remedy else "")
-        )
+        super().__init__(": ".join(p for p in (source, field, problem) if p) + (f"; {remedy}" if remedy else ""))
 
 
 def shown(value: Any, limit: int = 60) -> str:
@@ -81,9 +79,7 @@ class Table:
             self.fail(key, "is missing", why)
         return default
 
-    def text(
-        self, key: str, default: Any = dataclasses.MISSING, choices: Iterable[str] = (), why: str = ""
-    ) -> str:
+    def text(self, key: str, default: Any = dataclasses.MISSING, choices: Iterable[str] = (), why: str = "") -> str:
         value = self.take(key, default, why)
         choices = list(choices)
         if not isinstance(value, str) or not value.strip():
@@ -110,9 +106,7 @@ class Table:
     def flag(self, key: str, default: bool) -> bool:
         value = self.take(key, default)
         if not isinstance(value, bool):
-            self.fail(
-                key, f"{shown(value)} is neither true nor false", "write one of the two, without quotes"
-            )
+            self.fail(key, f"{shown(value)} is neither true nor false", "write one of the two, without quotes")
         return value
 
     def number(
@@ -144,9 +138,7 @@ class Table:
         value = self.take(key, default, why)
         try:
             a = np.asarray(value, dtype=object)
-            good = a.ndim == len(shape) and all(
-                s is None or s == n for s, n in zip(shape, a.shape, strict=True)
-            )
+            good = a.ndim == len(shape) and all(s is None or s == n for s, n in zip(shape, a.shape, strict=True))
             good = good and all(is_number(v) for v in a.ravel())
         except ValueError:  # ragged
             good = False
@@ -207,11 +199,7 @@ def suggest(word: str, known: Iterable[str]) -> str:
 
 
 def is_number(value: Any) -> bool:
-    return (
-        isinstance(value, int | float | np.integer | np.floating)
-        and not isinstance(value, bool)
-        and math.isfinite(value)
-    )
+    return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def as_annotated(value: Any, hint: Any) -> Any:

@@ -56,14 +56,10 @@ def _parser() -> argparse.ArgumentParser:
     demo = commands.add_parser(
         "demo", help="run a scene that ships with symseek", description="Run a scene that ships with symseek."
     )
-    demo.add_argument(
-        "scene", metavar="NAME", nargs="?", default=DEMO_DEFAULT, help=f"default: {DEMO_DEFAULT}"
-    )
+    demo.add_argument("scene", metavar="NAME", nargs="?", default=DEMO_DEFAULT, help=f"default: {DEMO_DEFAULT}")
     demo.add_argument("--list", action="store_true", help="list the scenes and stop")
     for command in (run, demo):
-        command.add_argument(
-            "--out", metavar="DIR", type=Path, help="folder for the results (default: out/NAME)"
-        )
+        command.add_argument("--out", metavar="DIR", type=Path, help="folder for the results (default: out/NAME)")
         command.add_argument("--device", default="cpu", help="Warp device: cpu, cuda:0 (default: cpu)")
         command.add_argument(
             "--set",
@@ -74,9 +70,7 @@ def _parser() -> argparse.ArgumentParser:
         )
         command.add_argument("--quiet", action="store_true", help="print nothing but errors")
         command.add_argument("--no-video", action="store_true", help="leave the video out")
-    commands.add_parser(
-        "doctor", help="what this machine has and lacks", description="Say what this machine has and lacks."
-    )
+    commands.add_parser("doctor", help="what this machine has and lacks", description="Say what this machine has and lacks.")
     return parser
 
 
@@ -92,9 +86,7 @@ def _demo(options: argparse.Namespace) -> int:
             print(f"{name:12} {_about(path)}")
         return 0
     if options.scene not in known:
-        print(
-            f"symseek: there is no demo {options.scene!r}; choose one of {', '.join(known)}", file=sys.stderr
-        )
+        print(f"symseek: there is no demo {options.scene!r}; choose one of {', '.join(known)}", file=sys.stderr)
         return 2
     return _run(options, str(known[options.scene]))
 
@@ -117,9 +109,7 @@ def _run(options: argparse.Namespace, scene: str) -> int:
     if not device.kernels_compiled():
         show.line("compiling kernels, once on this machine ...")
     try:
-        result = run(
-            scene, options.out, options.device, overrides=overrides, callback=show.progress, tell=show.line
-        )
+        result = run(scene, options.out, options.device, overrides=overrides, callback=show.progress, tell=show.line)
     except SceneError as problem:
         show.end()
         print(f"symseek: {problem}", file=sys.stderr)

@@ -44,14 +44,8 @@ def examine() -> int:
             print(f"ok       {name}: {check()}", flush=True)
         except Exception as problem:  # whatever breaks, the other lines are wanted too
             lacks += 1
-            print(
-                f"MISSING  {name}: {problem if isinstance(problem, Missing) else repr(problem)}", flush=True
-            )
-    print(
-        "All that symseek needs is there."
-        if not lacks
-        else f"{lacks} of {len(checks)} need a hand; see above."
-    )
+            print(f"MISSING  {name}: {problem if isinstance(problem, Missing) else repr(problem)}", flush=True)
+    print("All that symseek needs is there." if not lacks else f"{lacks} of {len(checks)} need a hand; see above.")
     return 1 if lacks else 0
 
 
@@ -91,9 +85,7 @@ def _cache() -> str:
         with TemporaryDirectory(dir=folder):
             pass
     except OSError as problem:
-        raise Missing(
-            f"{folder} cannot be written ({problem.strerror}); set WARP_CACHE_PATH to a folder that can"
-        ) from None
+        raise Missing(f"{folder} cannot be written ({problem.strerror}); set WARP_CACHE_PATH to a folder that can") from None
     return f"{folder}, {len(list(folder.iterdir()))} modules"
 
 

@@ -120,9 +120,7 @@ def _write_meshes(result: Result, folder: Path) -> None:
 def _write_pictures(result: Result, folder: Path) -> None:
     want, view = result.scene.output, result.scene.views[0]
     astray = not all(in_reach(view, o.tube) for o in result.objects)
-    result.skipped |= {
-        f"{name}.png": ASTRAY for name in ("overlay", "views") if astray and getattr(want, name)
-    }
+    result.skipped |= {f"{name}.png": ASTRAY for name in ("overlay", "views") if astray and getattr(want, name)}
     if want.overlay and not astray:
         drawings = [
             _drawing(tube, view.camera, o.tube[0], o.spine[0], o.contour, o.support)
@@ -133,9 +131,7 @@ def _write_pictures(result: Result, folder: Path) -> None:
         sheet = potentials_sheet([(p.sigma, p.image) for p in result.potentials])
         write_picture(folder / "potentials.png", sheet)
     if want.potentials and result.foreground is not None:
-        write_picture(
-            folder / "foreground.png", np.rint(255 * np.clip(result.foreground, 0, 1)).astype(np.uint8)
-        )
+        write_picture(folder / "foreground.png", np.rint(255 * np.clip(result.foreground, 0, 1)).astype(np.uint8))
     if want.views and not astray:
         colours = (COLOURS[k % len(COLOURS)] for k in range(len(result.objects)))
         meshes = [(o.vertices, o.faces, colour) for o, colour in zip(result.objects, colours, strict=True)]
@@ -183,9 +179,7 @@ def _snapshot(result: Result, i: int) -> Snapshot:
     return Snapshot(drawings, meshes, f"sigma {states[0][2]:.3g} px")
 
 
-def _drawing(
-    tube: Tube, camera: Camera, nodes: np.ndarray, spine: np.ndarray, contour: Any, support: Any
-) -> Drawing:
+def _drawing(tube: Tube, camera: Camera, nodes: np.ndarray, spine: np.ndarray, contour: Any, support: Any) -> Drawing:
     given = tube.spine if tube.spine.shape[1] == 2 else camera.project(tube.spine)
     wires = [camera.project(line) for line in wire(nodes)]
     return Drawing(wires, contour, support, given, camera.project(spine))
@@ -222,16 +216,10 @@ def _record(result: Result, names: list[str]) -> dict[str, Any]:
                 "opengl": os.environ.get("PYOPENGL_PLATFORM", ""),
             },
             "settings": settings,
-            "forms": {
-                key: FORMS[value]
-                for key, value in settings.items()
-                if isinstance(value, str) and value in FORMS
-            },
+            "forms": {key: FORMS[value] for key, value in settings.items() if isinstance(value, str) and value in FORMS},
             "units": {
                 "world": unit,
-                "scale": f"{scene.scale:g} {unit} per pixel"
-                if scene.views[0].camera.affine
-                else "by the camera",
+                "scale": f"{scene.scale:g} {unit} per pixel" if scene.views[0].camera.affine else "by the camera",
                 "length": unit,
                 "station": unit,
                 "radius": unit,

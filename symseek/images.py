@@ -69,9 +69,7 @@ def _from_skimage(table: Table, key: str, value: str) -> np.ndarray:
 
     name = value.removeprefix("skimage:")
     if name not in data.__all__:
-        table.fail(
-            key, f"scikit-image has no picture {name!r}", f"try skimage:rocket{suggest(name, data.__all__)}"
-        )
+        table.fail(key, f"scikit-image has no picture {name!r}", f"try skimage:rocket{suggest(name, data.__all__)}")
     try:
         pixels = getattr(data, name)()
     except Exception as problem:  # it downloads what it does not ship, by an optional package
@@ -88,9 +86,7 @@ def _from_skimage(table: Table, key: str, value: str) -> np.ndarray:
 def _from_file(table: Table, key: str, value: str, base: Path) -> np.ndarray:
     expanded = os.path.expandvars(os.path.expanduser(value))
     if "$" in expanded:
-        table.fail(
-            key, f"{value!r} names an environment variable that is not set", "set it, or write the path out"
-        )
+        table.fail(key, f"{value!r} names an environment variable that is not set", "set it, or write the path out")
     path = base / expanded
     if not path.is_file():
         what = "is a folder" if path.is_dir() else "does not exist"
@@ -130,9 +126,7 @@ def _by_pillow(table: Table, key: str, path: Path) -> np.ndarray:
                 _check_size(table, key, (image.height, image.width))
                 image = ImageOps.exif_transpose(image)
                 if image.mode in ("P", "PA") or "transparency" in image.info:
-                    image = image.convert(
-                        "RGBA" if image.mode == "PA" or "transparency" in image.info else "RGB"
-                    )
+                    image = image.convert("RGBA" if image.mode == "PA" or "transparency" in image.info else "RGB")
                 elif image.mode in ("CMYK", "YCbCr", "LAB", "HSV", "RGBX"):
                     image = image.convert("RGB")
                 elif image.mode in ("1", "La", "RGBa"):
@@ -209,12 +203,8 @@ def _scaled(table: Table, key: str, named: str, pixels: np.ndarray) -> np.ndarra
     low, high = float(pixels.min()), float(pixels.max())
     if np.issubdtype(kind, np.integer):  # 16 bits in a wider kind, as some files have them
         if low < 0 or high > 65535:
-            table.fail(
-                key, f"{named}has whole numbers from {low:g} to {high:g}", "give 8 or 16 bits without sign"
-            )
+            table.fail(key, f"{named}has whole numbers from {low:g} to {high:g}", "give 8 or 16 bits without sign")
         return (pixels / (255.0 if high < 256 else 65535.0)).astype(np.float32)
     if low < -1e-3 or high > 1 + 1e-3:
-        table.fail(
-            key, f"{named}has floats from {low:g} to {high:g}", "scale them into [0, 1], 8-bit values by 255"
-        )
+        table.fail(key, f"{named}has floats from {low:g} to {high:g}", "scale them into [0, 1], 8-bit values by 255")
     return pixels.clip(0, 1).astype(np.float32)

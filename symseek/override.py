@@ -17,9 +17,7 @@ def apply(data: dict[str, Any], text: str, source: str) -> None:
     key, equals, value = text.partition("=")
     field_name = f"--set {text}"
     if not equals or not all(key.strip().split(".")):
-        raise SceneError(
-            source, field_name, "is not KEY=VALUE", "write a dotted key, like solver.scheme=euler"
-        )
+        raise SceneError(source, field_name, "is not KEY=VALUE", "write a dotted key, like solver.scheme=euler")
     try:
         parsed = tomllib.loads(f"v = {value}")["v"]
     except tomllib.TOMLDecodeError:
@@ -30,14 +28,8 @@ def apply(data: dict[str, Any], text: str, source: str) -> None:
         found: list[Any] = []
         for place in places:
             if isinstance(place, list):
-                picked = [
-                    t
-                    for i, t in enumerate(place)
-                    if part in (str(i), t.get("name") if isinstance(t, dict) else None)
-                ]
-                found += picked or [
-                    t.setdefault(part, {}) for t in place if isinstance(t, dict) and not part.isdigit()
-                ]
+                picked = [t for i, t in enumerate(place) if part in (str(i), t.get("name") if isinstance(t, dict) else None)]
+                found += picked or [t.setdefault(part, {}) for t in place if isinstance(t, dict) and not part.isdigit()]
             elif isinstance(place, dict):
                 found.append(place.setdefault(part, {}))
         places = found

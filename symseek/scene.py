@@ -39,6 +39,7 @@ SETTINGS_BOUNDS: Bounds = {
     "gain": (0.0, 1e6),
     "step": (1e-6, 10.0),
     "slow": (1.0, 1000.0),
+    "momentum": (0.0, 0.95),
 }
 MATERIAL_BOUNDS: Bounds = {f.name: (0.0, 1e6) for f in fields(Material) if f.name not in ("c", "closed")}
 
@@ -111,9 +112,7 @@ def load(path: str | Path, overrides: Iterable[str] = ()) -> Scene:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         near = suggest(path.name, [p.name for p in path.parent.iterdir()]) if path.parent.is_dir() else ""
-        raise SceneError(
-            source, "", "there is no such scene file", f"give the path of a TOML file{near}"
-        ) from None
+        raise SceneError(source, "", "there is no such scene file", f"give the path of a TOML file{near}") from None
     except UnicodeDecodeError:
         raise SceneError(
             source,
@@ -124,9 +123,7 @@ def load(path: str | Path, overrides: Iterable[str] = ()) -> Scene:
     except tomllib.TOMLDecodeError as problem:
         raise SceneError(source, "", f"is not valid TOML: {problem}", "mend that line") from None
     except OSError as problem:
-        raise SceneError(
-            source, "", f"cannot be read ({problem.strerror})", "give the path of a scene file"
-        ) from None
+        raise SceneError(source, "", f"cannot be read ({problem.strerror})", "give the path of a scene file") from None
     for override in overrides:
         apply(data, override, source)
     name = path.parent.name if path.stem == "scene" and path.parent.name else path.stem
@@ -151,9 +148,7 @@ def build(data: Mapping[str, Any], base: Path, source: str, name: str = "object"
     units = top.text("units", "px", choices=METRES)
     tables = top.tables("view", VIEW_KEYS, 'add a [[view]] with image = "photo.jpg"')
     if len(tables) > 1:
-        top.fail(
-            "view", f"there are {len(tables)} views", "this version reconstructs from one; keep the first"
-        )
+        top.fail("view", f"there are {len(tables)} views", "this version reconstructs from one; keep the first")
     scale = _scale(top, units, tables[0])
     view = _view(tables[0], base, scale)
     scene_name = top.name("name", name)
@@ -203,9 +198,7 @@ def _scale(top: Table, units: str, view: Table) -> float:
 
 def _view(table: Table, base: Path, scale: float) -> View:
     if "frames" in table:
-        table.fail(
-            "frames", "moving scenes are not in this version", 'give one photograph: image = "photo.jpg"'
-        )
+        table.fail("frames", "moving scenes are not in this version", 'give one photograph: image = "photo.jpg"')
     camera = _camera(table, scale)
     image = images.read(table, "image", base)
     ignore = None

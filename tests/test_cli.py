@@ -86,9 +86,7 @@ def test_record(record):
     assert all(seconds >= 0 for seconds in record["seconds"].values())
     o = record["objects"]["squash"]
     assert o["grid"] == [12, 15] and o["material"]["w20"] == symseek.Material().w20
-    assert len(o["radius"]) == len(o["station"]) == 15 and o["station"][-1] == pytest.approx(
-        o["length"], rel=0.02
-    )
+    assert len(o["radius"]) == len(o["station"]) == 15 and o["station"][-1] == pytest.approx(o["length"], rel=0.02)
     assert {"volume", "area", "asymmetry", "supported_share", "converged", "trusted", "warnings"} <= set(o)
     assert set(o["contour_residual_px"]) == {"mean", "p95", "max"}
 
@@ -97,17 +95,13 @@ def test_meshes_agree_with_the_measures(squash, record):
     out, o = squash[0], record["objects"]["squash"]
     ply = trimesh.load_mesh(out / "squash.ply")
     assert ply.is_watertight and ply.is_winding_consistent
-    assert ply.volume == pytest.approx(o["volume"], rel=1e-4) and ply.area == pytest.approx(
-        o["area"], rel=1e-4
-    )
+    assert ply.volume == pytest.approx(o["volume"], rel=1e-4) and ply.area == pytest.approx(o["area"], rel=1e-4)
     # the squash is some 130 mm long at 0.25 mm a pixel, and about where it is in the photograph
     assert 100 < o["length"] < 150 and (ply.bounds[0] > 0).tolist()[:2] == [True, True]
     assert (ply.bounds[1][:2] < np.array([640, 480]) * 0.25).all()
     glb = trimesh.load_mesh(out / "squash.glb")
     assert glb.volume == pytest.approx(o["volume"] * 1e-9, rel=1e-3), "mm to metres"
-    np.testing.assert_allclose(
-        glb.bounds, (ply.bounds * 1e-3 * [1, -1, -1])[[[0, 1, 1], [1, 0, 0]], [0, 1, 2]], atol=1e-7
-    )
+    np.testing.assert_allclose(glb.bounds, (ply.bounds * 1e-3 * [1, -1, -1])[[[0, 1, 1], [1, 0, 0]], [0, 1, 2]], atol=1e-7)
 
 
 def test_arrays(squash):
@@ -158,9 +152,7 @@ def test_script_and_command_line_find_the_same(squash, tmp_path):
     )
     assert [i for i, _ in seen] == list(range(1, len(seen) + 1)) and seen[0][1] == (12, 15, 3)
     written = result.save(tmp_path / "out")
-    assert {f.name for f in written} == ALL - {"views.png", "reconstruction.mp4"} and all(
-        f.is_file() for f in written
-    )
+    assert {f.name for f in written} == ALL - {"views.png", "reconstruction.mp4"} and all(f.is_file() for f in written)
     np.testing.assert_array_equal(result.objects[0].tube, np.load(squash[0] / "squash.npz")["tube"])
     assert (tmp_path / "out" / "squash.ply").read_bytes() == (squash[0] / "squash.ply").read_bytes()
 
@@ -206,9 +198,7 @@ def test_a_signal_ends_a_process_cleanly(number, tmp_path):
         "object.grid=[12, 15]",
     ]
     command = [sys.executable, "-m", "symseek", "run", SQUASH, *endless, "--out", str(tmp_path / "out")]
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path
-    ) as process:
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path) as process:
         assert process.stdout is not None
         while (line := process.stdout.readline()) and not line.startswith("stage 1"):
             pass
@@ -243,11 +233,7 @@ def test_a_model_gone_astray_is_recorded_without_pictures(wild, result, tmp_path
     o.history = [(tube * wild, spine, sigma) for tube, spine, sigma in o.history]
     o.measures["volume"] = wild
     written = {f.name for f in result.save(tmp_path)}
-    assert (
-        written
-        == ALL - {"overlay.png", "views.png", "reconstruction.mp4"}
-        == {f.name for f in tmp_path.iterdir()}
-    )
+    assert written == ALL - {"overlay.png", "views.png", "reconstruction.mp4"} == {f.name for f in tmp_path.iterdir()}
     volume = json.loads((tmp_path / "result.json").read_text())["objects"]["squash"]["volume"]
     assert volume == (None if np.isnan(wild) else wild)
 
@@ -315,9 +301,7 @@ def test_progress_bar_moves_on_a_terminal(monkeypatch):
     show = cli.Show(quiet=False)
     show.progress(At())  # pyright: ignore
     show.line("done")
-    assert screen.getvalue().startswith(
-        "\r[##########----------] stage 3, sigma 4.0 px: iteration 50, residual 1.0e-03"
-    )
+    assert screen.getvalue().startswith("\r[##########----------] stage 3, sigma 4.0 px: iteration 50, residual 1.0e-03")
     assert screen.getvalue().endswith("\ndone\n")
 
 

@@ -63,9 +63,7 @@ def test_wheel_runs_away_from_the_repository(wheel, tmp_path):
         "print(len([symseek.load(p) for p in cli.demos().values()]))\n"
     )
     environment = {**os.environ, "PYTHONPATH": str(wheel)}
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path, env=environment
-    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path, env=environment)
     assert done.returncode == 0, done.stderr
     where, scenes = done.stdout.split("\n")[:2]
     assert Path(where).is_relative_to(wheel) and int(scenes) >= 2
@@ -103,16 +101,12 @@ def test_the_packages_know_only_those_below_them():
     }
     for folder, others in forbidden.items():
         for file in (ROOT / folder).rglob("*.py"):
-            bad = [
-                o for o in others if re.search(rf"^\s*from \.+{o}\b|symseek\.{o}\b", file.read_text(), re.M)
-            ]
+            bad = [o for o in others if re.search(rf"^\s*from \.+{o}\b|symseek\.{o}\b", file.read_text(), re.M)]
             assert not bad, f"{file} imports {bad}"
 
 
 def test_no_file_has_grown_past_400_lines():
-    files = [
-        f for folder in [*FOLDERS, "symseek", "tests", "benchmarks"] for f in (ROOT / folder).rglob("*.py")
-    ]
+    files = [f for folder in [*FOLDERS, "symseek", "tests", "benchmarks"] for f in (ROOT / folder).rglob("*.py")]
     assert len(files) > 40
     long = {str(f.relative_to(ROOT)): n for f in files if (n := len(f.read_text().splitlines())) > 400}
     assert not long

@@ -108,9 +108,7 @@ def test_balls_in_a_disc_make_a_ball():
     assert truth.volume(*mesh) == pytest.approx(4 / 3 * np.pi * 40**3, rel=0.04)
 
 
-@pytest.mark.parametrize(
-    ("method", "size", "worst"), [(contour_peer.plain, 128, 1.0), (contour_peer.helped, 256, 0.4)]
-)
+@pytest.mark.parametrize(("method", "size", "worst"), [(contour_peer.plain, 128, 1.0), (contour_peer.helped, 256, 0.4)])
 def test_active_contours_find_the_outline(method, size, worst):
     sample = make(11, size=size)
     errors = truth.compare_outline(method(sample.image, sample.clicks), sample)

@@ -50,9 +50,7 @@ def test_sphere_is_its_disc(azimuth, elevation, at, right, down, width, height, 
     column, row = np.meshgrid(np.arange(width), np.arange(height))
     centre = [(alpha * axis).sum() / alpha.sum() for axis in (column, row)]
     # the sphere's image is a disc about the middle ((W - 1) / 2, (H - 1) / 2) plus its offset
-    np.testing.assert_allclose(
-        centre, [(width - 1) / 2 + right * scale, (height - 1) / 2 + down * scale], atol=0.1
-    )
+    np.testing.assert_allclose(centre, [(width - 1) / 2 + right * scale, (height - 1) / 2 + down * scale], atol=0.1)
     assert np.sqrt(alpha.sum() / np.pi) == pytest.approx(0.35 * scale, abs=0.15)
 
 
@@ -214,11 +212,7 @@ def test_line_falls_where_the_photograph_shows_its_place(size, column, window):
 def test_window_stays_on_the_photograph():
     points = np.array([[90.0, 40.0], [99.0, 60.0]])
     left, top, right, bottom = window_around(points, (100, 100))
-    assert (
-        right == pytest.approx(99.5)
-        and right - left == pytest.approx(29)
-        and bottom - top == pytest.approx(29)
-    )
+    assert right == pytest.approx(99.5) and right - left == pytest.approx(29) and bottom - top == pytest.approx(29)
     left, top, right, bottom = window_around(points, (100, 22))  # less room, and in the middle
     assert (left, right) == pytest.approx((-0.7, 21.7))
 
@@ -250,9 +244,7 @@ def test_potentials_span_white_to_black():
     sheet = potentials_sheet([(8.0, ramp), (4.0, np.zeros((30, 40)))], foreground=ramp * 0, tile=60)
     height, width, gap = 62, 82, 14
     tiles = [sheet[gap + 1 : gap + 61, gap + k * (width + gap) + 1 :][:, :80] for k in range(3)]
-    assert (
-        tiles[1].min() == 0 and tiles[1].max() == 255 and (np.diff(tiles[1][30, :, 0].astype(int)) <= 0).all()
-    )
+    assert tiles[1].min() == 0 and tiles[1].max() == 255 and (np.diff(tiles[1][30, :, 0].astype(int)) <= 0).all()
     assert (tiles[0] == 255).all() and (tiles[2] == 255).all()
     assert (sheet[gap + height :] < 200).any()  # labels
 

@@ -54,11 +54,7 @@ def test_every_key_arrives(folder):
     scene = symseek.load(folder / "scene.toml")
     assert (scene.name, scene.units, scene.scale) == ("pair", "mm", 0.5)
     (view,) = scene.views
-    assert (
-        view.image.shape == (64, 80)
-        and view.image.dtype == np.float32
-        and view.image[3, 4] == np.float32(7 / 255)
-    )
+    assert view.image.shape == (64, 80) and view.image.dtype == np.float32 and view.image[3, 4] == np.float32(7 / 255)
     assert view.ignore is not None and view.ignore.sum() == 5 * 80
     np.testing.assert_allclose(view.camera.project(np.array([10.0, 20.0, 7.0])), [20, 40])
     left, right = scene.tubes
@@ -94,9 +90,7 @@ def test_overrides_reach_one_or_all(overrides, expected, folder):
 
 
 def test_overrides_make_tables_and_take_bare_words(folder):
-    scene = symseek.load(
-        folder, ["solver.scheme=jacobi", "object.right.material.w02=3e-8", "output.views=false"]
-    )
+    scene = symseek.load(folder, ["solver.scheme=jacobi", "object.right.material.w02=3e-8", "output.views=false"])
     assert scene.settings.scheme == "jacobi"
     assert [t.material.w02 for t in scene.tubes] == [symseek.Material().w02, 3e-8]
     assert not scene.output.views
@@ -131,9 +125,7 @@ def test_scenes_that_ship_are_good(name):
     [
         Camera.orthographic(0.3),
         Camera.stereo(-0.2),
-        Camera.perspective(
-            np.diag([500.0, 500, 1]), np.eye(3)[[0, 2, 1]] * [1, 1, -1], np.array([0, 0, 9.0])
-        ),
+        Camera.perspective(np.diag([500.0, 500, 1]), np.eye(3)[[0, 2, 1]] * [1, 1, -1], np.array([0, 0, 9.0])),
     ],
 )
 def test_front_looks_as_the_camera_does(camera):

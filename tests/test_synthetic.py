@@ -49,8 +49,10 @@ def test_silhouette_is_what_the_circles_span(samples, kind):
     s = samples[kind]
     solid = shapes.sweep(kind, np.random.default_rng([s.seed, 0]))
     u = np.linspace(0, 1, len(solid.axis))
-    centre, slope = (np.stack([np.interp(solid.station, u, c) for c in of.T], 1)
-                     for of in (solid.axis, np.gradient(solid.axis, u, axis=0)))
+    centre, slope = (
+        np.stack([np.interp(solid.station, u, c) for c in of.T], 1)
+        for of in (solid.axis, np.gradient(solid.axis, u, axis=0))
+    )
     across = np.stack([-slope[:, 1], slope[:, 0]], 1) * solid.radius[:, None]
     x, y = np.concatenate([centre + across, (centre - across)[::-1]]).T * s.length
     area = abs(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2

@@ -27,8 +27,15 @@ def plain(image: np.ndarray, clicks: np.ndarray) -> np.ndarray:
     shrink = max(1, round(max(grey.shape) / 512))
     start = _evenly(_capsule(_extended(clicks), WIDTH * _length(clicks)), 3.0 * shrink)
     end = active_contour(
-        gaussian_filter(_shrunk(grey, shrink), 3.0, mode="nearest"), _to_small(start, shrink)[:, ::-1],
-        alpha=0.1, beta=0.1, w_line=0, w_edge=10, gamma=0.05, max_num_iter=2500, convergence=0.02,
+        gaussian_filter(_shrunk(grey, shrink), 3.0, mode="nearest"),
+        _to_small(start, shrink)[:, ::-1],
+        alpha=0.1,
+        beta=0.1,
+        w_line=0,
+        w_edge=10,
+        gamma=0.05,
+        max_num_iter=2500,
+        convergence=0.02,
     )
     return _to_full(end[:, ::-1], shrink)
 
@@ -45,7 +52,13 @@ def helped(image: np.ndarray, clicks: np.ndarray) -> np.ndarray:
 
 
 def _relax(
-    grey: np.ndarray, snake: np.ndarray, shrink: int, sigma: float, alpha: float, beta: float, steps: int,
+    grey: np.ndarray,
+    snake: np.ndarray,
+    shrink: int,
+    sigma: float,
+    alpha: float,
+    beta: float,
+    steps: int,
 ) -> np.ndarray:
     """The contour (n, 2) at rest on the edges of the image at one scale."""
     small = _shrunk(grey, shrink)
@@ -53,7 +66,14 @@ def _relax(
     picture = np.log(edges / edges.max() + 0.03)
     start = _to_small(_evenly(snake, 2.0 * shrink), shrink)
     end = active_contour(
-        picture, start[:, ::-1], alpha=alpha, beta=beta, w_line=1, w_edge=0, gamma=0.3, max_num_iter=steps,
+        picture,
+        start[:, ::-1],
+        alpha=alpha,
+        beta=beta,
+        w_line=1,
+        w_edge=0,
+        gamma=0.3,
+        max_num_iter=steps,
         convergence=0.02,
     )
     return _to_full(end[:, ::-1], shrink)

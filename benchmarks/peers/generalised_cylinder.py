@@ -36,7 +36,11 @@ class _Picture:
     def at(self, points: np.ndarray) -> np.ndarray:
         """Brightness at points (..., 2) of (column, row), positive inside the object."""
         return self.sign * map_coordinates(
-            self.coefficients, np.moveaxis(points, -1, 0)[::-1], order=3, prefilter=False, mode="nearest",
+            self.coefficients,
+            np.moveaxis(points, -1, 0)[::-1],
+            order=3,
+            prefilter=False,
+            mode="nearest",
         )
 
     def fall(self, origin: np.ndarray, direction: np.ndarray, near: np.ndarray, far: np.ndarray, step: float):
@@ -77,7 +81,9 @@ class _Tube:
 
 
 def reconstruct(
-    image: np.ndarray, clicks: np.ndarray, around: int = 96,
+    image: np.ndarray,
+    clicks: np.ndarray,
+    around: int = 96,
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """Watertight mesh (V, 3), (F, 3) in pixels about depth 0, or None where it finds no two sides."""
     grey = image if image.ndim == 2 else image.mean(2)

@@ -45,7 +45,7 @@ class SolverADI(Solver):
             nodes, rings = m.nodes_of(k), m.rings_of(k)
             closed = bool(m.host_ring_closed[rings][0])
             grid = {key: host[key][nodes].reshape(ns, nx) for key in ("w10", "w20", "w01", "w02")}
-            # rings: symmetry (8) acts on what a ring has beyond its slow modes, so it is taken implicitly too
+            # symmetry (8) acts on what a ring has beyond its slow modes, so it is taken implicitly too
             diagonal, first, second = cyclic_bands(grid["w10"], grid["w20"], 1 / nx)
             b = coupling[rings, SYMMETRY][:, None]
             factors = factor_cyclic(1 + self.dt * (diagonal + b), self.dt * first, self.dt * second)

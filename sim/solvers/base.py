@@ -8,9 +8,6 @@ import warp as wp
 from ...kernels import integrate
 from ..model import DEPTH, REACTION, SYMMETRY, UPRIGHT, Model, State
 
-SPINE = 5.0
-"""Step of the spine over that of the slow modes."""
-
 
 class Solver:
     """First-order integration of (10), mu = 0 and gamma = 1: T += P^-1 R with a scheme's own P.
@@ -21,20 +18,21 @@ class Solver:
 
     default_dt = 0.4
     default_slow = 12.0
+    spine = 5.0
+    """Step of the spine over that of the slow modes."""
 
     def __init__(self, model: Model, dt: float | None, slow: float | None, momentum: float):
-        self.momentum = momentum
-        dt = dt or self.default_dt
-        slow = slow or self.default_slow
-        # the spine has next to no inertia: it follows its rings at once
-        self.model, self.dt, self.slow_dt, self.spine_dt = model, dt, dt * slow, SPINE * dt * slow
-        self.step_size = wp.array(
-            np.tile(np.array([dt, self.slow_dt, self.spine_dt], np.float32), (model.tubes, 1)),
-            dtype=float,
-            device=model.device,
-        )
+        self.model, self.momentum = model, momentum
+        self.step_size = wp.zeros((model.tubes, 3), dtype=float, device=model.device)
+        self.set_step(dt or self.default_dt, slow or self.default_slow)
         self.first_mode = wp.zeros(model.rings, dtype=float, device=model.device)
         self.material_changed()
+
+    def set_step(self, dt: float, slow: float) -> None:
+        """Time steps of nodes, of slow modes and of the spine, which has next to no inertia: it follows its rings."""
+        self.dt, self.slow_dt, self.spine_dt = dt, dt * slow, self.spine * dt * slow
+        steps = np.array([self.dt, self.slow_dt, self.spine_dt], np.float32)
+        self.step_size.assign(np.tile(steps, (self.model.tubes, 1)))
 
     def material_changed(self) -> None:
         """Makes the factors again; to be called after weights of the model changed."""

@@ -4,21 +4,38 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..model import Model
 from .jacobi import SolverJacobi
+
+SAFE = 0.9
+"""Share of the largest stable step that is taken when none is asked for."""
 
 
 class SolverEuler(SolverJacobi):
-    """Bears steps up to 2 over the largest stiffness; a longer one is an error."""
+    """Bears steps up to 2 over the largest stiffness: takes `SAFE` of that by default; a longer one is an error."""
+
+    default_slow = 1.0
+    spine = 1.0
+
+    def __init__(self, model: Model, dt: float | None, slow: float | None, momentum: float):
+        self.asked = dt
+        super().__init__(model, dt, slow, momentum)
 
     def diagonals(self) -> tuple[np.ndarray, np.ndarray]:
+        """As for Jacobi, without any stiffness.
+
+        Raises:
+            ValueError: the step is longer than the scheme bears.
+        """
         node, low = self.stiffness()
-        largest = 2 / max(float(node.max()), 1.0)
-        slow = 2 / max(float(low[:3].max()), 1.0)
-        if self.dt > largest or self.slow_dt > slow or self.dt * float(low[3].max()) > 2:
-            bound = min(largest, slow * self.dt / self.slow_dt, 2 / float(low[3].max()))
+        ratio = self.slow_dt / self.dt
+        stiffest = max(float(node.max()), ratio * float(low[:3].max()), ratio * self.spine * float(low[3].max()), 1.0)
+        if self.asked is None:
+            self.set_step(SAFE * 2 / stiffest, ratio)
+        elif self.dt > 2 / stiffest:
             raise ValueError(
-                f"explicit Euler cannot bear a step of {self.dt:g} with this material and grid: at most {bound:.3g}; "
-                'set solver.step lower, or solver.scheme = "adi"'
+                f"solver.step = {self.dt:g} is too long for explicit Euler with this material and grid: at most"
+                f' {2 / stiffest:.3g}; lower it, leave it out, or use solver.scheme = "adi"'
             )
         mass, low_mass = self.masses()
         return 1 / mass, 1 / low_mass

@@ -52,7 +52,7 @@ class SolverJacobi(Solver):
         """Share of a cell of each node and of each entry of a slow line."""
         m = self.model
         ring = np.concatenate([end_mass(ns) for _, ns in m.grids])
-        return ring[np.asarray(m.node_ring.numpy())], np.tile(ring, (4, 1))
+        return ring[m.node_ring.numpy().astype(int)], np.tile(ring, (4, 1))
 
     def diagonals(self) -> tuple[np.ndarray, np.ndarray]:
         """What each entry of dt R is multiplied by, for nodes and slow lines."""
