@@ -149,7 +149,7 @@ def ring_means(
         tilt += wp.dot(e, t) / float(n) * e
     tilt -= wp.dot(tilt, t) * t
     tangent_out[r] = t
-    tilt_out[r] = tilt / wp.max(wp.length(along), 1.0 / float(last))
+    tilt_out[r] = end_mass(s, last + 1) * tilt / wp.max(wp.length(along), 1.0 / float(last))
 
 
 @wp.kernel(enable_backward=False)

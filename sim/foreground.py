@@ -158,6 +158,10 @@ def foreground(
     known = np.ones(shape, bool)
     if ignore is not None:
         known = resample((~ignore).astype(np.float32), lo, step, shape) > 0.5
+        # no edge may part what is not looked at from its neighbours
+        near = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
+        assert near is not None
+        x = x[near[0], near[1]]
     line = (curve - lo) / step
     rows, cols = np.mgrid[: shape[0], : shape[1]]
     off, place = _from_axis(line, shape)

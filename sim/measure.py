@@ -80,7 +80,7 @@ def contour_support(
     reach = max(REACH * half_width, 3 * potential.sigma)
     t = np.arange(-np.ceil(reach / step * 2), np.ceil(reach / step * 2) + 1) * (step / 2)
     at = (points[:, None] + t[:, None] * normals[:, None] - np.array(potential.origin)) / step
-    profile = ndimage.map_coordinates(potential.magnitude, [at[..., 1], at[..., 0]], order=1, mode="constant")
+    profile = ndimage.map_coordinates(potential.magnitude, [at[..., 1], at[..., 0]], order=3, mode="constant")
     best = np.clip(profile.argmax(axis=1), 1, len(t) - 2)
     rows = np.arange(len(points))
     low, peak, high = profile[rows, best - 1], profile[rows, best], profile[rows, best + 1]

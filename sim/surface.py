@@ -30,12 +30,11 @@ def smooth_grid(tube: np.ndarray, around: int = AROUND, along: int | None = None
         shape (around, along, 3); first and last column are the ends.
     """
     nx, ns, _ = tube.shape
-    along = FINER * (ns - 1) + 1 if along is None else along
     spectrum = np.fft.rfft(tube, axis=0)
     if nx % 2 == 0:
         spectrum[-1] *= 0.5
     rings = np.fft.irfft(spectrum, n=around, axis=0) * (around / nx)
-    want = np.linspace(0, ns - 1, along)
+    want = np.linspace(0, ns - 1, FINER * (ns - 1) + 1 if along is None else along)
     if not is_closed(tube):
         return CubicSpline(np.arange(ns), rings, axis=1)(want)
     half = around // 2

@@ -173,22 +173,42 @@ def test_a_sphere_in_perspective():
     np.testing.assert_allclose(force.sum((0, 1)), [expected, 0, 0], rtol=4e-3, atol=4e-3 * expected)
 
 
-def test_every_case_of_a_cell_is_drawn():
-    """Random signs on a flat sheet: the length of all pieces is that of scikit-image's contours, saddles included."""
-    nx, ns = 14, 13
-    sign = np.random.default_rng(3).choice([-1.0, 1.0], (ns, nx))
+@pytest.mark.parametrize("strong", [1, -1])
+def test_every_case_of_a_cell_is_drawn(strong):
+    """Random i.n on a flat sheet: the length of all pieces is that of scikit-image's contours.
+
+    Saddles join the corners of the sign that is stronger.
+    """
+    nx, ns, rng = 14, 13, np.random.default_rng(3)
+    sign = rng.choice([-1.0, 1.0], (ns, nx))
     sign[:, [0, 1, -2, -1]] = -1.0  # none across the seam
+    facing = sign * np.where(sign == strong, rng.uniform(0.6, 1, sign.shape), rng.uniform(0.2, 0.6, sign.shape))
     y, x = np.mgrid[:ns, :nx].astype(float)
     sheet = np.stack([x, y, 0 * x], -1)
     r = Rig((sheet, sheet[:, 0]), picture=_flat([1, 0, 0, 0]))
     r.state.normal.assign(np.tile(np.array([0, 0, -1], np.float32), (ns * nx, 1)))
-    r.state.facing.assign(sign.ravel().astype(np.float32))
+    r.state.facing.assign(facing.ravel().astype(np.float32))
     r.state.force.zero_()
     r.launch(contour.contour_force, ns * nx, view=0, literal=1)
-    lines = measure.find_contours(sign, 0.0, fully_connected="high")
+    lines = measure.find_contours(facing, 0.0, fully_connected="high" if strong > 0 else "low")
     length = sum(np.linalg.norm(np.diff(line, axis=0), axis=1).sum() for line in lines)
     total = r.state.force.numpy().astype(float).sum(0) / (nx * (ns - 1))
     np.testing.assert_allclose(total, [length, 0, 0], rtol=1e-5, atol=1e-3)
+
+
+def test_crossings_of_parabolas_are_exact_up_to_the_rims():
+    """Nodes quadratic in s: the interpolation keeps them, also in the first and last cell of an open tube."""
+    nx, ns, rng = 9, 7, np.random.default_rng(6)
+    a, b, c = rng.normal(size=(3, nx, 3))
+    s = np.arange(ns)[:, None, None]
+    facing = np.where(np.arange(ns)[:, None] % 2, 1, -1) * rng.uniform(0.2, 1, (ns, nx))
+    r = Rig((a + 0.3 * b * s + 0.1 * c * s**2, np.zeros((ns, 3))))
+    r.state.facing.assign(facing.ravel().astype(np.float32))
+    out = rig.array(np.full((ns * nx, 3), np.nan), rig.wp.vec3)
+    r.launch(rig.meridian_crossings, (ns - 1) * nx, n=nx, ns=ns, position_out=out)
+    at = s[:-1] + (facing[:-1] / (facing[:-1] - facing[1:]))[..., None]
+    exact = a + 0.3 * b * at + 0.1 * c * at**2
+    np.testing.assert_allclose(out.numpy().reshape(ns, nx, 3)[:-1], exact, atol=3 * ATOL)
 
 
 def _quadratic(p):

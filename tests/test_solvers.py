@@ -136,6 +136,21 @@ def test_closed_ends_move_as_one_and_nothing_moves_at_rest(rng, weights, scheme)
     assert not moved.any() and not spine_moved.any() and not rig.state.residual.numpy().any()
 
 
+def test_residual_is_that_of_place_and_radius(rng, weights):
+    """g + p r / |r| on circles: g^2 + p^2 for each ring, whatever is added in higher modes; at closed ends g^2."""
+    push, pressure = rng.normal(size=(NS, 3)), rng.normal(size=NS)
+    outward = circles(np.zeros((NS, 3)), 1.0, NX)
+    wave = np.cos(6 * np.pi * np.arange(NX) / NX)[:, None] * np.array([0, 1.0, 0])
+    force = push[:, None] + pressure[:, None, None] * outward + wave
+    for closed in (False, True):
+        rig = _rig(weights, closed=closed)
+        _moved(rig, "adi", force)
+        expected = np.sum(push**2, axis=1) + pressure**2
+        if closed:
+            expected[[0, -1]] -= pressure[[0, -1]] ** 2
+        np.testing.assert_allclose(rig.state.residual.numpy(), expected, rtol=1e-5)
+
+
 @schemes
 def test_changed_material_makes_new_factors(rng, weights, scheme):
     rig, force = _rig(weights, w1=0.01, w2=1e-4), rng.normal(size=(NS, NX, 3))
@@ -193,11 +208,22 @@ def test_euler_refuses_too_long_a_step_and_bears_the_one_it_names(rng, weights, 
     """Stiff is the tube; the tube round a spine without any stiffness; the spine's tie to its rings."""
     weights = {w: stiff * a for w, a in weights.items()}
     rig = _rig(weights, **spine)
-    with pytest.raises(ValueError, match=r"explicit Euler cannot bear a step of 2 ") as error:
+    with pytest.raises(ValueError, match=r"2 is too long for explicit Euler") as error:
         make_solver("euler", rig.model, 2.0, slow, 0.0)
     found = re.search(r"at most ([\d.e-]+);.*adi", str(error.value))
     assert found, str(error.value)
     assert _runs(rig, rng, 0.99 * float(found[1]), slow)  # the message rounds to three digits
+
+
+def test_euler_finds_a_step_of_its_own(rng, weights):
+    """Without one given it takes one that it bears, and a shorter one once the material is stiffer."""
+    rig = _rig(weights, a=1.0, w2=1e-3)
+    solver = make_solver("euler", rig.model, None, None, 0.0)
+    first = solver.dt
+    rig.model.w20.assign(30 * rig.model.w20.numpy())
+    solver.material_changed()
+    assert 0 < solver.dt < first
+    assert _runs(rig, rng, None, None)
 
 
 def test_eulers_bound_is_no_smaller_than_need_be(weights):

@@ -85,7 +85,7 @@ def factor_cyclic(diagonal: np.ndarray, first: np.ndarray, second: np.ndarray) -
     s01 = first[:, k] - np.sum(c[0] * w[1], axis=1)
     s11 = diagonal[:, k + 1] - np.sum(c[1] * w[1], axis=1)
     det = s00 * s11 - s01**2
-    if not np.all(det > 0):
+    if not np.all((det > 0) & (s00 > 0)):
         raise ValueError("a ring's matrix is not positive definite: weights must not be negative")
     pad = ((0, 0), (0, 2))
     border = np.moveaxis(np.pad(w, ((0, 0), *pad)), 0, 2)
