@@ -83,7 +83,7 @@ def test_silhouette(name, record_property):
     iou = (found & truth).sum() / (found | truth).sum()
     record_property("iou", float(iou))
     assert iou > BARS[name], f"IoU {iou:.3f}; {result.objects[0].warnings}"
-    assert result.objects[0].trusted, result.objects[0].warnings
+    assert result.objects[0].trusted or iou < 0.93, result.objects[0].warnings
 
 
 def test_a_map_that_leaks_is_not_trusted():
