@@ -4,6 +4,9 @@ import warp as wp
 
 from . import image, projection
 
+AT_NODES = wp.constant(25.0)
+"""Gain of a force density at nodes over that of a line load: makes (12) as strong as `sim.assembly.LINE_LOAD` at 25 x 25."""
+
 
 @wp.struct
 class Crossing:
@@ -306,7 +309,7 @@ def switch_force(
     else:
         m = wp.vec2(wp.dot(j0, normal_in[i]), wp.dot(j1, normal_in[i]))
         f = image.lift(j0, j1, image.normal_pull(value, wp.normalize(m)))
-    wp.atomic_add(force_out, i, 25.0 * field.gain * f)
+    wp.atomic_add(force_out, i, AT_NODES * field.gain * f)
 
 
 @wp.kernel(enable_backward=False)

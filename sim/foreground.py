@@ -25,7 +25,8 @@ UNEVEN, SLACK, SHORT = 1.5, 0.04, 0.2
 """Farthest that the object reaches to a side, times its width on the narrow one, plus lengths of the axis; past the ends."""
 CLEAR = 1.0
 """Log likelihood ratio of colours that are the object's wherever they are."""
-BINS = 32
+BINS = {1: 32, 3: 16}
+"""Cells of the histogram along each channel, by the count of channels."""
 
 
 @dataclass(frozen=True)
@@ -113,8 +114,9 @@ def _edges(x: np.ndarray) -> sparse.csr_array:
 
 def _histogram(cells: np.ndarray, chosen: np.ndarray, channels: int) -> np.ndarray:
     """Smoothed share of the chosen pixels in each colour cell."""
-    counts = np.bincount(cells[chosen], minlength=BINS**channels).astype(np.float32)
-    counts = ndimage.gaussian_filter(counts.reshape((BINS,) * channels), 2.0, mode="nearest").ravel()
+    counts = np.bincount(cells[chosen], minlength=BINS[channels] ** channels).astype(np.float32)
+    cube = counts.reshape((BINS[channels],) * channels)
+    counts = ndimage.gaussian_filter(cube, BINS[channels] / 16, mode="nearest").ravel()
     return counts / max(counts.sum(), 1e-9)
 
 
@@ -172,9 +174,10 @@ def foreground(
             far |= np.hypot(cols - p[0], rows - p[1]) <= 0.02 * AXIS
     core &= ~far
     channels = x.shape[2]
+    bins = BINS[channels]
     low, high = x.min((0, 1)), x.max((0, 1))
-    q = np.clip(((x - low) / (high - low + 1e-6) * BINS).astype(int), 0, BINS - 1)
-    cells = np.asarray(np.ravel_multi_index(tuple(q[..., i] for i in range(channels)), (BINS,) * channels))
+    q = np.clip(((x - low) / (high - low + 1e-6) * bins).astype(int), 0, bins - 1)
+    cells = np.asarray(np.ravel_multi_index(tuple(q[..., i] for i in range(channels)), (bins,) * channels))
     laplacian = _edges(x)
     inside = core.astype(float)
     mine = core & known
