@@ -77,7 +77,7 @@ def colours(image: np.ndarray) -> np.ndarray:
     """Lab over (100, 180, 180) of a colour image, grey as it is: shape (H, W, channels), differences of order one."""
     if image.ndim == 2:
         return image[..., None].astype(np.float32)
-    if np.ptp(image, axis=2).max() < 1e-3:
+    if np.abs(np.diff(image, axis=2)).max() < 1e-3:
         return image[..., :1].astype(np.float32)
     return (color.rgb2lab(image) / np.array([100.0, 180.0, 180.0])).astype(np.float32)
 

@@ -82,13 +82,21 @@ class ScaleSpace:
         self.origin, extent = self._box()
         cols, rows = (int(v) for v in np.floor(extent / self.step) + 1)
         self.shape = (rows, cols)
-        self.image = resample(colours(view.image), self.origin, self.step, self.shape)
+        self.image = self._sampled(view.image)
         if settings.potential == "brightness":
             self.image = self.image[..., :1]
         self.inside = self._map_at_step()
         self.known = None
         if view.ignore is not None:
             self.known = resample((~view.ignore).astype(np.float32), self.origin, self.step, self.shape)
+
+    def _sampled(self, image: np.ndarray) -> np.ndarray:
+        """Colours of the part that is looked at; only that part of the image is converted."""
+        pad = np.ceil(3 * self.step)
+        first = np.maximum(np.floor(self.origin) - pad, 0).astype(int)
+        last = np.ceil(self.origin + np.array(self.shape[::-1]) * self.step + pad).astype(int)
+        part = image[first[1] : last[1] + 1, first[0] : last[0] + 1]
+        return resample(colours(part), self.origin - first, self.step, self.shape)
 
     def _box(self) -> tuple[np.ndarray, np.ndarray]:
         """First image point and extent [px] of the part that is looked at: the map's object and what lies about it."""
@@ -127,8 +135,19 @@ class ScaleSpace:
         scale, everything) the map says, by a pressure outward inside the object and inward outside it.
         """
         s = sigma / self.step
-        mapped = self.settings.potential == "map"
-        p = self._edges(s) * self._gate(s) if mapped else self._edges(s)
+        if self.settings.potential != "map":
+            return self._edged(sigma, self._edges(s), None)
+        sure = 2 * self._smooth(self.inside, s) - 1
+        if sigma <= MAP_LED * self.map.half_width or self.settings.force == "paper":
+            return self._edged(sigma, self._edges(s) * self._gate(s), sure)
+        nothing = np.zeros_like(sure)
+        rows, cols = np.gradient(0.5 * sure)
+        p = np.hypot(rows, cols)
+        return self._potential(sigma, [nothing, nothing, self._pressure(sigma, sure), self._pole(sigma, sure)], p)
+
+    def _edged(self, sigma: float, p: np.ndarray, sure: np.ndarray | None) -> Potential:
+        """The potential of edges of magnitude `p`, and of the map's certainty (-1 outside, 1 inside) where there is one."""
+        s = sigma / self.step
         rows, cols = np.gradient(p)
         nothing = np.zeros_like(p)
         if self.settings.force == "paper":
@@ -137,16 +156,19 @@ class ScaleSpace:
         floor = FLOOR * float(p.max()) + 1e-12
         pull = np.stack([cols, rows]) * (s**2 / (p + floor))
         pull *= np.minimum(1.0, RANGE * s / np.maximum(np.linalg.norm(pull, axis=0), 1e-12)) * self.step
-        if not mapped:
+        if sure is None:
             return self._potential(sigma, [*pull, nothing, nothing], p)
-        sure = 2 * self._smooth(self.inside, s) - 1
-        # an outline smoothed by sigma has slope 1 / (sigma sqrt(2 pi)): a unit spring at the edge
-        pressure = np.sqrt(np.pi / 2) * sigma * sure
-        # on an outline that is plain from both sides a pole is left alone: pushed there, it would slide along
-        pole = max(sigma, 2.5 * self.step) * np.sign(sure) * np.clip(1.25 * np.abs(sure) - 0.25, 0, 1)
-        if sigma > MAP_LED * self.map.half_width:
-            return self._potential(sigma, [nothing, nothing, pressure, pole], p)
-        return self._potential(sigma, [*pull, pressure * floor / (p + floor), pole], p)
+        unsaid = self._pressure(sigma, sure) * floor / (p + floor)
+        return self._potential(sigma, [*pull, unsaid, self._pole(sigma, sure)], p)
+
+    @staticmethod
+    def _pressure(sigma: float, sure: np.ndarray) -> np.ndarray:
+        """Outward push [px]: an outline smoothed by sigma has slope 1 / (sigma sqrt(2 pi)), so a unit spring at it."""
+        return np.sqrt(np.pi / 2) * sigma * sure
+
+    def _pole(self, sigma: float, sure: np.ndarray) -> np.ndarray:
+        """Push on a pole [px]; none on an outline that is plain from both sides: it would slide along it."""
+        return max(sigma, 2.5 * self.step) * np.sign(sure) * np.clip(1.25 * np.abs(sure) - 0.25, 0, 1)
 
     def _gate(self, s: float) -> np.ndarray:
         """1 near the map's outline, 0 away from it; flat across it, so that the edges alone say where it is."""
