@@ -13,7 +13,7 @@ from .problem import Settings, View
 
 WIDE = 64.0
 """Most samples for an object's half width: finer images are sampled down, so that work does not grow with them."""
-FLOOR = 0.1
+FLOOR = 0.03
 """Share of the strongest edge below which an edge pulls less and less."""
 AROUND = 1.0
 """What is looked at beyond the map's object, in half widths."""
@@ -23,7 +23,7 @@ MAP_LED = 0.15
 """Sigma, in half widths of the object, above which the map alone leads."""
 GATE = 2.5
 """Least smoothing of the map for its gate, in the map's own samples."""
-COARSEST, FALL, FINEST, FINEST_PX = 0.3, 0.5, 0.02, 1.0
+COARSEST, FALL, FINEST, FINEST_PX = 0.3, 0.5, 0.014, 0.7
 """First sigma, ratio of one to the next, last sigma: in half widths of the object, the last not below FINEST_PX samples."""
 
 
