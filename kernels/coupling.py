@@ -1,4 +1,4 @@
-"""Coupling of tube and spine, (7)-(9), and the two forces of ours that keep rings upright and evenly spaced."""
+"""Coupling of tube and spine, (7)-(9), and forces of ours: upright rings, centred poles, hold of depth."""
 
 import warp as wp
 
@@ -180,8 +180,9 @@ def tube_force(
     # out
     force_out: wp.array[wp.vec3],
 ):
-    """Sets the intrinsic force on each tube node: (5), f_a, f_b, f_c of (10), upright rings, even spacing.
+    """Sets the intrinsic force on each tube node: (5), f_a, f_b, f_c of (10) and ours.
 
+    Ours are upright rings, centred poles, the hold of depth.
     Forces are loads per hx hs, so end nodes, which own half a cell, carry half.
     """
     i = wp.tid()
