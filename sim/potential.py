@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import ndimage
+from scipy.special import gamma
 
 from .camera import Camera
 from .foreground import Foreground, colours, resample
@@ -23,8 +24,12 @@ MAP_LED = 0.15
 """Sigma, in half widths of the object, above which the map alone leads."""
 GATE = 2.5
 """Least smoothing of the map for its gate, in the map's own samples."""
-COARSEST, FALL, FINEST, FINEST_PX = 0.3, 0.5, 0.014, 0.7
+COARSEST, FALL, FINEST, FINEST_PX = 0.3, 0.5, 0.014, 1.0
 """First sigma, ratio of one to the next, last sigma: in half widths of the object, the last not below FINEST_PX samples."""
+
+
+LIMB = float(np.sqrt(2) * gamma(0.75) / gamma(0.25))
+"""Pull of a root of the distance to an edge, at the edge [sigmas]: grad P / P of its slope, convolved with a Gaussian."""
 
 
 @dataclass(frozen=True)
@@ -71,6 +76,20 @@ def sigma_list(half_width: float, step: float, given: tuple[float, ...] | None) 
         out.append(sigma)
         sigma *= FALL
     return [*out, last]
+
+
+def _gaussian(sigma: float) -> np.ndarray:
+    x = np.arange(-np.ceil(4 * sigma), np.ceil(4 * sigma) + 1)
+    g = np.exp(-0.5 * (x / sigma) ** 2)
+    return g / g.sum()
+
+
+def _derivatives(sigma: float) -> tuple[np.ndarray, np.ndarray]:
+    """Kernels of the first and second derivative, exact on parabolas however small sigma is."""
+    g = _gaussian(sigma)
+    x = np.arange(len(g)) - len(g) // 2
+    once, twice = x * g, x**2 * g - (x**2 * g).sum() * g
+    return once / (once * x).sum(), 2 * twice / (twice * x**2).sum()
 
 
 class ScaleSpace:
@@ -121,45 +140,90 @@ class ScaleSpace:
         axes = (sigma, sigma) + (0,) * (values.ndim - 2)
         return ndimage.gaussian_filter(values, axes, mode="nearest", truncate=3.0)
 
-    def _edges(self, sigma: float) -> np.ndarray:
-        """|grad G*I| over all channels [1/sample], sigma in samples."""
-        rows, cols = np.gradient(self._smooth(self.image, sigma), axis=(0, 1))
-        p = np.sqrt((rows**2 + cols**2).sum(-1))
-        return p if self.known is None else p * self.known
+    def _edges(self, s: float, weight: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
+        """P = weight |grad G*I| over all channels [1/sample] and weight grad |grad G*I|, shape (2, h, w); s in samples.
 
-    def at(self, sigma: float) -> Potential:
+        By derivatives of the Gaussian: differences would blur once more what is finest.
+        """
+        once, twice = _derivatives(s)
+        smooth = _gaussian(s)
+        along, bent, plain = (ndimage.correlate1d(self.image, k, axis=1, mode="nearest") for k in (once, twice, smooth))
+        x, xx = (ndimage.correlate1d(v, smooth, axis=0, mode="nearest") for v in (along, bent))
+        y, yy = (ndimage.correlate1d(plain, k, axis=0, mode="nearest") for k in (once, twice))
+        xy = ndimage.correlate1d(along, once, axis=0, mode="nearest")
+        p = np.sqrt((x**2 + y**2).sum(-1))
+        slope = np.stack([(x * xx + y * xy).sum(-1), (x * xy + y * yy).sum(-1)])
+        if self.known is not None:
+            weight = weight * self.known
+        return weight * p, weight * slope / (p + 1e-12)
+
+    def at(self, sigma: float, finest: bool = False) -> Potential:
         """The potential at a sigma [image px].
 
         Normalised: the pull is sigma^2 grad P / (P + floor), which for a smoothed step edge is the way to it in px
         whatever its contrast. With the map, P is gated by the map's outline, and what edges leave unsaid (at a coarse
         scale, everything) the map says, by a pressure outward inside the object and inward outside it.
+
+        Args:
+            sigma: of the smoothing.
+            finest: the last one, whose pull is carried on to sigma 0.
         """
         s = sigma / self.step
         if self.settings.potential != "map":
-            return self._edged(sigma, self._edges(s), None)
+            return self._edged(sigma, 1.0, None, finest)
         sure = 2 * self._smooth(self.inside, s) - 1
         if sigma <= MAP_LED * self.map.half_width or self.settings.force == "paper":
-            return self._edged(sigma, self._edges(s) * self._gate(s), sure)
+            return self._edged(sigma, self._gate(s), sure, finest)
         nothing = np.zeros_like(sure)
         rows, cols = np.gradient(0.5 * sure)
         p = np.hypot(rows, cols)
         return self._potential(sigma, [nothing, nothing, self._pressure(sigma, sure), self._pole(sigma, sure)], p)
 
-    def _edged(self, sigma: float, p: np.ndarray, sure: np.ndarray | None) -> Potential:
-        """The potential of edges of magnitude `p`, and of the map's certainty (-1 outside, 1 inside) where there is one."""
+    def _edged(self, sigma: float, weight: np.ndarray | float, sure: np.ndarray | None, finest: bool) -> Potential:
+        """The potential of weighted edges, and of the map's certainty (-1 outside, 1 inside) where there is one."""
         s = sigma / self.step
-        rows, cols = np.gradient(p)
+        p, slope = self._edges(s, weight)
         nothing = np.zeros_like(p)
         if self.settings.force == "paper":
             # per image px, as (11) says; P as it is
-            return self._potential(sigma, [cols / self.step**2, rows / self.step**2, nothing, nothing], p)
-        floor = FLOOR * float(p.max()) + 1e-12
-        pull = np.stack([cols, rows]) * (s**2 / (p + floor))
+            return self._potential(sigma, [*(slope / self.step**2), nothing, nothing], p)
+        floor = self._floor(p)
+        pull = self._pull(s, p, slope)
+        if finest:
+            pull -= self._limb(s, weight, pull)
         pull *= np.minimum(1.0, RANGE * s / np.maximum(np.linalg.norm(pull, axis=0), 1e-12)) * self.step
         if sure is None:
             return self._potential(sigma, [*pull, nothing, nothing], p)
         unsaid = self._pressure(sigma, sure) * floor / (p + floor)
         return self._potential(sigma, [*pull, unsaid, self._pole(sigma, sure)], p)
+
+    def _pull(self, s: float, p: np.ndarray, slope: np.ndarray) -> np.ndarray:
+        """Way to the edge [samples], shape (2, h, w)."""
+        return slope * (self._blur(s) ** 2 / (p + self._floor(p)))
+
+    def _limb(self, s: float, weight: np.ndarray | float, pull: np.ndarray) -> np.ndarray:
+        """What shading adds to the pull [samples], shape (2, h, w), from how it changes when the blur is doubled.
+
+        Towards its outline a round object's shade falls as the root of the distance, which shifts the strongest
+        slope of the smoothed edge inward. A step and y such roots, in shares of the slope at blur 1, pull by
+        LIMB y / (1 + y) at blur 1 and by twice that of sqrt(2) y at blur 2; their difference gives y.
+        """
+        blur, two = self._blur(s), np.sqrt(2)
+        wide = np.sqrt(s**2 + 3 * blur**2)
+        change = self._pull(wide, *self._edges(wide, weight)) - pull
+        size = np.linalg.norm(change, axis=0) + 1e-12
+        d = np.clip(size / (blur * LIMB), 0, 1)
+        b = 2 * two - 1 - (1 + two) * d
+        y = 2 * d / (b + np.sqrt(b**2 + 4 * two * (1 - d) * d) + 1e-12)
+        return change * (blur * LIMB * y / (1 + y) / size)
+
+    def _blur(self, s: float) -> float:
+        """Sigma [samples] of a step edge smoothed by `s`: the pixels' own extent and the resampling blur it too."""
+        return float(np.sqrt(s**2 + 1 / 12 + 0.25 * (1 - 1 / self.step**2)))
+
+    @staticmethod
+    def _floor(p: np.ndarray) -> float:
+        return FLOOR * float(p.max()) + 1e-12
 
     @staticmethod
     def _pressure(sigma: float, sure: np.ndarray) -> np.ndarray:

@@ -121,7 +121,8 @@ def reconstruct(
     stopped, converged, diverged = False, False, False
     for stage in range(stages):
         sigmas = [x[max(0, len(x) - stages + stage)] for x in lists]
-        potentials.append([space.at(sigma) for space, sigma in zip(scene.spaces, sigmas, strict=True)])
+        finest = stage == stages - 1
+        potentials.append([space.at(sigma, finest) for space, sigma in zip(scene.spaces, sigmas, strict=True)])
         scene.set_potentials(potentials[-1])
         lap("potential")
         progress.stage, progress.sigma = stage, sigmas[0]

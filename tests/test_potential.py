@@ -71,6 +71,30 @@ def test_pull_never_exceeds_a_few_sigmas_and_is_finite_on_a_flat_image():
         assert np.all(np.isfinite(samples)) and np.abs(samples).max() <= 3 * 4.0 * 1.001
 
 
+@pytest.mark.parametrize("ramp", [-0.03, 0.0, 0.15, 0.4])
+def test_the_finest_pull_is_to_where_the_object_ends(ramp):
+    """A step and beyond it a root of the distance, as a round object's shading: sigma 1 alone lands inside the object.
+
+    Mean over places of the edge within a pixel.
+    """
+    fine, off = 64, []
+    for column in 60 + np.arange(8) / 8:
+        x = (np.arange(120 * fine) + 0.5) / fine - 0.5 - column
+        shade = np.where(x > 0, 0.3 + ramp * np.sqrt(np.clip(x, 0, 8.0)), 0.0)
+        space = _space(np.tile(shade.reshape(120, fine).mean(1), (40, 1)), 32.0, potential="brightness")
+        off.append([_zero(space.at(1.0, finest).samples[20, :, 0], 60) - column for finest in (False, True)])
+    plain, finest = np.mean(off, axis=0)
+    assert np.sign(np.round(plain, 2)) == np.sign(ramp)
+    assert abs(finest) < max(0.15 * abs(plain), 0.01)
+
+
+def _zero(row, near):
+    """Where a falling row passes zero, near a place."""
+    falls = np.flatnonzero((row[:-1] > 0) & (row[1:] <= 0))
+    i = falls[np.abs(falls - near).argmin()]
+    return i + row[i] / (row[i] - row[i + 1])
+
+
 def test_nothing_pulls_from_what_is_ignored():
     image = _step_image((60, 120), 60.0, 0.1, 0.9)
     ignore = np.zeros(image.shape, bool)
