@@ -52,17 +52,19 @@ class Assembly:
 
     def _start(self) -> None:
         tube_flat, spine_flat = np.zeros((self.model.nodes, 3)), np.zeros((self.model.rings, 3))
-        camera = self.views[0].camera
         for k, tube in enumerate(self.tubes):
             axis = (self._carried_on(k) - self.origin) / self.unit
-            middle = self.axes[k].mean(axis=0)
-            pixel = np.linalg.norm(camera.project(middle + 1e-3 * self.unit * np.eye(3)) - camera.project(middle), axis=1)
-            radius = tube.radius or 0.5 * self.maps[k].half_width * 1e-3 * self.unit / pixel.max()
+            radius = tube.radius or 0.5 * self.maps[k].half_width * self._pixel(k)
             nodes, spine = initial_tube(axis, radius / self.unit, tube.grid, tube.material.closed)
             tube_flat[self.model.nodes_of(k)] = nodes.transpose(1, 0, 2).reshape(-1, 3)
             spine_flat[self.model.rings_of(k)] = spine
         self.state.tube.assign(tube_flat.astype(np.float32))
         self.state.spine.assign(spine_flat.astype(np.float32))
+
+    def _pixel(self, k: int) -> float:
+        """World length of a pixel of the first view at the middle of object k's axis."""
+        camera, middle, step = self.views[0].camera, self.axes[k].mean(axis=0), 1e-3 * self.unit
+        return step / np.linalg.norm(camera.project(middle + step * np.eye(3)) - camera.project(middle), axis=1).max()
 
     def _carried_on(self, k: int) -> np.ndarray:
         """The rough axis in the world, as far as the map's object reaches; straight beyond its own ends."""
@@ -147,6 +149,9 @@ class Assembly:
             f.x0, f.y0, f.step = *p.origin, p.step
             # contour length counts in lengths of the tube's own spine
             f.gain = self.settings.gain * LINE_LOAD * self.unit / self.lengths[k]
+            if self.settings.force == "paper":
+                # the chain rule of (11) yields px a length where a displacement is a length a px
+                f.gain *= (self._pixel(k) / self.unit) ** 2
             fields.append([f])
         self.model.samples.assign(samples)
         host = wp.array([f[0] for f in fields], dtype=image_kernels.Field, device="cpu").numpy()

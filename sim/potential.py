@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy import ndimage
@@ -14,6 +16,8 @@ from .problem import Settings, View
 
 WIDE = 64.0
 """Most samples for an object's half width: finer images are sampled down, so that work does not grow with them."""
+COARSE = 5.0
+"""Most samples for a sigma: beyond, every second sample serves as well."""
 FLOOR = 0.03
 """Share of the strongest edge below which an edge pulls less and less."""
 AROUND = 1.0
@@ -51,8 +55,8 @@ class Potential:
     sigma: float
     """[image px]."""
     samples: np.ndarray
-    """shape (h, w, 4): pull (column, row), pressure, pressure at a pole [image px]; for force "paper" the plain gradient
-    of (11) and zeros."""
+    """shape (h, w, 4): pull (column, row), pressure, pressure at a pole [image px]; for force "paper" the gradient of (11),
+    times what makes it a unit spring at a step of unit contrast, and zeros."""
     magnitude: np.ndarray
     """shape (h, w), P of (11)."""
     step: float
@@ -105,9 +109,21 @@ class ScaleSpace:
         if settings.potential == "brightness":
             self.image = self.image[..., :1]
         self.inside = self._map_at_step()
+        self.sigmas = sigma_list(map_.half_width, self.step, settings.sigmas)
         self.known = None
         if view.ignore is not None:
             self.known = resample((~view.ignore).astype(np.float32), self.origin, self.step, self.shape)
+
+    @cached_property
+    def _half(self) -> ScaleSpace:
+        """The same at half the samples a side."""
+        half = copy.copy(self)
+        half.step = 2 * self.step
+        half.shape = ((self.shape[0] + 1) // 2, (self.shape[1] + 1) // 2)
+        half.image, half.inside = (resample(v, np.zeros(2), 2.0, half.shape) for v in (self.image, self.inside))
+        if self.known is not None:
+            half.known = resample(self.known, np.zeros(2), 2.0, half.shape)
+        return half
 
     def _sampled(self, image: np.ndarray) -> np.ndarray:
         """Colours of the part that is looked at; only that part of the image is converted."""
@@ -168,6 +184,8 @@ class ScaleSpace:
             sigma: of the smoothing.
             finest: the last one, whose pull is carried on to sigma 0.
         """
+        if sigma > COARSE * self.step:
+            return self._half.at(sigma, finest)
         s = sigma / self.step
         if self.settings.potential != "map":
             return self._edged(sigma, 1.0, None, finest)
@@ -185,8 +203,9 @@ class ScaleSpace:
         p, slope = self._edges(s, weight)
         nothing = np.zeros_like(p)
         if self.settings.force == "paper":
-            # per image px, as (11) says; P as it is
-            return self._potential(sigma, [*(slope / self.step**2), nothing, nothing], p)
+            # per image px, as (11) says; one factor a scale, as if in beta
+            unit = np.sqrt(2 * np.pi) * sigma**3
+            return self._potential(sigma, [*(slope * unit / self.step**2), nothing, nothing], p)
         floor = self._floor(p)
         pull = self._pull(s, p, slope)
         if finest:

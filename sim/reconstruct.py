@@ -11,7 +11,7 @@ import warp as wp
 from ..kernels import contour, coupling, elastic, integrate
 from .assembly import Assembly
 from .force import add_forces
-from .potential import Potential, sigma_list
+from .potential import Potential
 from .problem import Settings, Tube, View
 from .result import ObjectResult, Result, finish
 from .solvers import Solver, make_solver
@@ -110,7 +110,7 @@ def reconstruct(
     lap("map")
     for module in (elastic, coupling, contour, integrate):
         wp.load_module(module, device=device)
-    lists = [sigma_list(m.half_width, s.step, settings.sigmas) for m, s in zip(scene.maps, scene.spaces, strict=True)]
+    lists = [space.sigmas for space in scene.spaces]
     stages = max(len(x) for x in lists)
     scene.set_material(1.0)
     loop = _Loop(scene, careful=False)
