@@ -165,8 +165,8 @@ def report(table: list[list[str]], count: int, markdown: bool) -> str:
     """The table under its heading."""
     head = f"What each change is worth: {count} shapes of {count} kinds, 512 px, five clicks off by 4 px, 25 x 25"
     below = (
-        f"Failed: an exception, or an IoU below {FAILED:g}. At rest: runs that converged. A c beside c_balance = 0 is the best "
-        f"of {', '.join(f'{c:g}' for c in EXPANSIONS)} on other shapes."
+        f"Failed: an exception, or an IoU below {FAILED:g}. At rest: runs that converged. A c beside c_balance = 0 is the "
+        f"best of {', '.join(f'{c:g}' for c in EXPANSIONS)} on other shapes."
     )
     return f"{'### ' if markdown else ''}{head}\n\n{as_text(table, markdown)}\n\n{below}\n"
 
