@@ -4,11 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
+from scipy.interpolate import CubicSpline
+
 from .camera import Camera
 from .foreground import axis_curve
+from .surface import smooth_grid
 
 GATHER = 0.3
 """How much closer the rings of a closed tube stand at its ends than evenly: caps need them more than the body."""
+
+TURNING = 0.3
+"""Share of the rings dealt out by how much the meridians turn; the others by their length."""
+FINE = 20
+"""Points of a meridian between two rings, for dealing them anew."""
 
 
 def lift(points: np.ndarray, camera: Camera, depth: float) -> np.ndarray:
@@ -81,3 +89,30 @@ def initial_tube(axis: np.ndarray, radius: float, grid: tuple[int, int], closed:
         r = radius * np.sqrt(np.clip(1 - np.clip(1 - reach / cap, 0, 1) ** 2, 0, 1))
         r[[0, -1]] = 0.0
     return spine + r[:, None] * circle, spine
+
+
+def deal(tube: np.ndarray, spine: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The same surface with its rings dealt out anew: close where the meridians turn, as at a rim, even elsewhere.
+
+    Args:
+        tube: shape (N_x, N_s, 3).
+        spine: shape (N_s, 3).
+
+    Returns:
+        tube, spine of the same shapes.
+    """
+    nx, ns, _ = tube.shape
+    fine = FINE * (ns - 1) + 1
+    surface = smooth_grid(tube, 2 * nx, fine)[::2]
+    step = np.diff(surface, axis=1)
+    length = np.linalg.norm(step, axis=2)
+    along = step / np.maximum(length, 1e-12)[..., None]
+    turn = np.linalg.norm(np.diff(along, axis=1), axis=2).mean(axis=0)
+    turn = 0.5 * (np.append(turn, 0.0) + np.append(0.0, turn))
+    length = length.mean(axis=0)
+    share = (1 - TURNING) * length / length.sum() + TURNING * turn / turn.sum()
+    place = np.interp(np.linspace(0, 1, ns), np.append(0.0, np.cumsum(share)), np.linspace(0, ns - 1, fine))
+    place[[0, -1]] = 0, ns - 1
+    rings = CubicSpline(np.linspace(0, ns - 1, fine), surface, axis=1)(place)
+    rings[:, [0, -1]] = tube[:, [0, -1]]
+    return rings, CubicSpline(np.arange(ns), spine)(place)
