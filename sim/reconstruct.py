@@ -127,6 +127,7 @@ def reconstruct(
         progress.stage, progress.sigma = stage, sigmas[0]
         if stage > 0:
             scene.deal()
+        scene.hold_tangents()
         scene.hold_depth()
         scene.set_material(max(LEAST_SHARE, (sigmas[0] / lists[0][0]) ** 2))
         loop.solver.material_changed()
