@@ -5,7 +5,7 @@ import warp as wp
 from . import elastic, projection
 
 SMALL = wp.constant(1.0e-9)
-WINDOW = wp.constant(10)
+WINDOW = wp.constant(20)
 """Segments of the spine either side that a ring's tangent looks at."""
 THINNEST = wp.constant(0.004)
 """Radius below which a ring pushes itself open, in units of the initial length of the spine."""
