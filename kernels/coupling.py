@@ -5,9 +5,8 @@ import warp as wp
 from . import elastic, projection
 
 SMALL = wp.constant(1.0e-9)
-WINDOW = wp.constant(4)
-"""Segments of the spine either side that a ring's tangent looks at, each `FAR` times as important as the one before."""
-FAR = wp.constant(0.25)
+WINDOW = wp.constant(20)
+"""Segments of the spine either side that a ring's tangent looks at."""
 THINNEST = wp.constant(0.004)
 """Radius below which a ring pushes itself open, in units of the initial length of the spine."""
 
@@ -58,20 +57,18 @@ def centre_pole(pole: wp.vec3, neighbour: wp.vec3, gap: float):
 
 
 @wp.func
-def upright_spine(d: float, tilt: wp.array[wp.vec3], r: int, s: int, last: int):
+def upright_spine(d: float, far: wp.array[float], tilt: wp.array[wp.vec3], r: int, s: int, last: int):
     """What `upright` does to spine node s: the other half of the gradient of d/2 mean ((T - c).t)^2."""
     f = wp.vec3(0.0)
-    weight = float(1.0)
     for j in range(WINDOW):
         if s - j - 1 >= 0:
-            f -= weight * tilt[r - j - 1]
+            f -= wp.pow(far[r - j - 1], float(j)) * tilt[r - j - 1]
         if s + j < last + 1 and s > 0:
-            f -= weight * tilt[r + j]
+            f -= wp.pow(far[r + j], float(j)) * tilt[r + j]
         if s - j >= 0 and s < last:
-            f += weight * tilt[r - j]
+            f += wp.pow(far[r - j], float(j)) * tilt[r - j]
         if s + j + 1 <= last:
-            f += weight * tilt[r + j + 1]
-        weight *= FAR
+            f += wp.pow(far[r + j + 1], float(j)) * tilt[r + j + 1]
     return d * f
 
 
@@ -92,6 +89,7 @@ def ring_means(
     ring_s: wp.array[int],
     tube_nx: wp.array[int],
     tube_ns: wp.array[int],
+    ring_far: wp.array[float],
     # state in
     tube_in: wp.array[wp.vec3],
     spine_in: wp.array[wp.vec3],
@@ -104,13 +102,15 @@ def ring_means(
 ):
     """Sets centroid and mean radius of each ring (below fig. 7), mean distance to the next ring, spine tangent, tilt.
 
-    The tangent looks `WINDOW` segments either way: far ones count where near ones vanish, as they do under a flat end.
+    The tangent looks `WINDOW` segments either way, each `ring_far` times as important as the one before: far ones count
+    where near ones vanish, as they do under a flat end.
     """
     r = wp.tid()
     k = ring_tube[r]
     n = tube_nx[k]
     s = ring_s[r]
     last = tube_ns[k] - 1
+    far = ring_far[r]
     start = ring_node[r]
     centre = spine_in[r]
     around = float(0.0)
@@ -141,7 +141,7 @@ def ring_means(
             along += weight * (spine_in[r + j + 1] - spine_in[r + j])
         if s - j > 0:
             along += weight * (spine_in[r - j] - spine_in[r - j - 1])
-        weight *= FAR
+        weight *= far
     t = unit(along)
     tilt = wp.vec3(0.0)
     for x in range(n):
@@ -229,6 +229,7 @@ def spine_force(
     ring_tube: wp.array[int],
     ring_s: wp.array[int],
     tube_ns: wp.array[int],
+    ring_far: wp.array[float],
     w1: wp.array[float],
     w2: wp.array[float],
     coupling: wp.array2d[float],
@@ -252,7 +253,7 @@ def spine_force(
     f += tension_in[r]
     if ring_s[r] > 0:
         f -= tension_in[r - 1]
-    f += upright_spine(coupling[r, 5], tilt_in, r, ring_s[r], ns - 1)
+    f += upright_spine(coupling[r, 5], ring_far, tilt_in, r, ring_s[r], ns - 1)
     mass = end_mass(ring_s[r], ns)
     f += mass * hold_depth(coupling[r, 7], depth_rest[r], eyes[0], spine_in[r])
     force_out[r] = f + mass * attract(coupling[r, 0], centroid_in[r], spine_in[r])

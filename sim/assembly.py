@@ -8,7 +8,7 @@ import warp as wp
 from ..kernels import image as image_kernels
 from .camera import Camera
 from .foreground import Foreground, axis_curve, foreground, length_of
-from .initial import initial_tube, lift
+from .initial import deal, fading, initial_tube, lift
 from .model import Model, State
 from .potential import Potential, ScaleSpace
 from .problem import Settings, Tube, View
@@ -120,6 +120,26 @@ class Assembly:
             gap = camera.project(spine[rings])[:, None] - camera.project(long)[None]
             rest[rings] = camera.distance(long)[(gap**2).sum(-1).argmin(axis=1)]
         self.model.depth_rest.assign(rest)
+
+    def deal(self) -> None:
+        """Deals the rings of every tube out anew."""
+        tubes, spines = self.positions()
+        for k, tube in enumerate(self.tubes):
+            nx, ns = tube.grid
+            nodes, rings = self.model.nodes_of(k), self.model.rings_of(k)
+            grid, spines[rings] = deal(tubes[nodes].reshape(ns, nx, 3).transpose(1, 0, 2), spines[rings])
+            tubes[nodes] = grid.transpose(1, 0, 2).reshape(-1, 3)
+        self.rewind((tubes, spines))
+
+    def hold_tangents(self) -> None:
+        """Writes how far along the spine each ring's tangent looks."""
+        far = np.zeros(self.model.rings, np.float32)
+        tubes, spines = self.positions()
+        for k, tube in enumerate(self.tubes):
+            nx, ns = tube.grid
+            rings = self.model.rings_of(k)
+            far[rings] = fading(tubes[self.model.nodes_of(k)].reshape(ns, nx, 3).transpose(1, 0, 2), spines[rings])
+        self.model.ring_far.assign(far)
 
     def positions(self) -> tuple[np.ndarray, np.ndarray]:
         """Tube and spine nodes as they are now, to go back to with `rewind`."""

@@ -23,7 +23,7 @@ def add_forces(model: Model, state: State, contour_kind: str, literal: bool, tau
     wp.launch(
         coupling.ring_means,
         m.rings,
-        inputs=[*ring, s.tube, s.spine],
+        inputs=[*ring, m.ring_far, s.tube, s.spine],
         outputs=[s.centroid, s.radius, s.gap, s.tangent, s.tilt],
         device=m.device,
     )
@@ -51,6 +51,7 @@ def add_forces(model: Model, state: State, contour_kind: str, literal: bool, tau
             m.ring_tube,
             m.ring_s,
             m.tube_ns,
+            m.ring_far,
             m.w1,
             m.w2,
             m.coupling,

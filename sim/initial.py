@@ -1,14 +1,27 @@
-"""The first tube: circles round a rough axis, closed at both ends."""
+"""The first tube: circles round a rough axis, closed at both ends; and how rings are dealt out anew later on."""
 
 from __future__ import annotations
 
 import numpy as np
+from scipy import ndimage
+from scipy.interpolate import CubicSpline
 
 from .camera import Camera
 from .foreground import axis_curve
+from .surface import smooth_grid
 
 GATHER = 0.3
 """How much closer the rings of a closed tube stand at its ends than evenly: caps need them more than the body."""
+
+TURNING = 0.3
+"""Share of the rings dealt out by how much the meridians turn; the others by their length."""
+FINE = 20
+"""Points of a meridian between two rings, for dealing them anew."""
+
+STEADY = 0.5
+"""How far along the spine a ring's tangent looks, in radii of the tube there: about as far as a cap can roll."""
+SPREAD = 5
+"""Segments of the spine over which their length is averaged for that."""
 
 
 def lift(points: np.ndarray, camera: Camera, depth: float) -> np.ndarray:
@@ -81,3 +94,45 @@ def initial_tube(axis: np.ndarray, radius: float, grid: tuple[int, int], closed:
         r = radius * np.sqrt(np.clip(1 - np.clip(1 - reach / cap, 0, 1) ** 2, 0, 1))
         r[[0, -1]] = 0.0
     return spine + r[:, None] * circle, spine
+
+
+def deal(tube: np.ndarray, spine: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The same surface with its rings dealt out anew: close where the meridians turn, as at a rim, even elsewhere.
+
+    Args:
+        tube: shape (N_x, N_s, 3).
+        spine: shape (N_s, 3).
+
+    Returns:
+        tube, spine of the same shapes.
+    """
+    nx, ns, _ = tube.shape
+    fine = FINE * (ns - 1) + 1
+    surface = smooth_grid(tube, 2 * nx, fine)[::2]
+    step = np.diff(surface, axis=1)
+    length = np.linalg.norm(step, axis=2)
+    along = step / np.maximum(length, 1e-12)[..., None]
+    turn = np.linalg.norm(np.diff(along, axis=1), axis=2).mean(axis=0)
+    turn = 0.5 * (np.append(turn, 0.0) + np.append(0.0, turn))
+    length = length.mean(axis=0)
+    share = (1 - TURNING) * length / length.sum() + TURNING * turn / max(turn.sum(), 1e-6)
+    place = np.interp(np.linspace(0, 1, ns), np.append(0.0, np.cumsum(share / share.sum())), np.linspace(0, ns - 1, fine))
+    place[[0, -1]] = 0, ns - 1
+    rings = CubicSpline(np.linspace(0, ns - 1, fine), surface, axis=1)(place)
+    rings[:, [0, -1]] = tube[:, [0, -1]]
+    return rings, CubicSpline(np.arange(ns), spine)(place)
+
+
+def fading(tube: np.ndarray, spine: np.ndarray) -> np.ndarray:
+    """Importance for each ring's tangent of a segment of the spine over that of the one before, shape (N_s,).
+
+    It falls to 1 / e over `STEADY` radii of the widest ring that reaches so far: at a round end the rings could as
+    well lie round any other pole, and what tells is the axis of the body behind.
+    """
+    radius = np.linalg.norm(tube - spine, axis=2).mean(axis=0)
+    step = np.linalg.norm(np.diff(spine, axis=0), axis=1)
+    place = np.append(0.0, np.cumsum(step))
+    reaches = np.abs(place[:, None] - place) <= radius
+    widest = np.where(reaches, radius, 0.0).max(axis=1)
+    step = ndimage.uniform_filter1d(np.append(step, step[-1]), SPREAD, mode="nearest")
+    return np.exp(-step / (STEADY * np.maximum(widest, 1e-9)))

@@ -39,7 +39,7 @@ class Material:
     """expansion (> 0) or contraction (9), in units of the initial length of the spine."""
     c_balance: float = 1.0
     """share of the tube's own contraction around the spine that (9) cancels; 0 is the paper's plain c."""
-    d: float = 0.02
+    d: float = 0.05
     """rings upright on the spine (ours): -d (r.t) t."""
     centre: float = 0.5
     """a closed end in the middle of its cap (ours): springs to the next ring, of their mean length."""

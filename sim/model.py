@@ -29,6 +29,7 @@ class Model:
         coupling: columns a, reaction, b, c, balance, d, centre, depth, shape (R, 8)
         depth_rest: depth along the line of sight that `depth` holds, shape (R,).
         bend_basis: orthonormal polynomials in s of each spine, shape (R, BEND_DEGREE + 1).
+        ring_far: importance for a ring's tangent of a segment of the spine over that of the one before, shape (R,).
         k1: tension factor K1 of edges that are too short, shape (K,).
         eyes: cameras in each tube's units, shape (V,) (see `set_cameras`).
         fields: potential of each tube in each view, shape (K, V).
@@ -78,6 +79,7 @@ class Model:
             inner = np.polynomial.legendre.legvander(np.linspace(-1, 1, ns - 2), BEND_DEGREE)
             basis[self.rings_of(k)][1:-1] = np.linalg.qr(inner)[0]
         self.bend_basis = wp.array(basis, dtype=float, device=device)
+        self.ring_far = wp.zeros(self.rings, dtype=float, device=device)
         self.k1 = wp.zeros(self.tubes, dtype=float, device=device)
         self.depth_rest = wp.zeros(self.rings, dtype=float, device=device)
         self.eyes = wp.zeros(views, dtype=projection.Eye, device=device)  # pyright: ignore

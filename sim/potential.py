@@ -250,8 +250,11 @@ class ScaleSpace:
         return np.sqrt(np.pi / 2) * sigma * sure
 
     def _pole(self, sigma: float, sure: np.ndarray) -> np.ndarray:
-        """Push on a pole [px]; none on an outline that is plain from both sides: it would slide along it."""
-        return max(sigma, 2.5 * self.step) * np.sign(sure) * np.clip(1.25 * np.abs(sure) - 0.25, 0, 1)
+        """Push on a pole [px]; none on a plain outline, where the contour has its own force and a push would slide it."""
+        wide = max(sigma, GATE * self.map.step) / self.step
+        slope = np.hypot(*np.gradient(self._smooth(self.inside, wide), axis=(0, 1)))
+        plain = np.sqrt(2 * np.pi) * wide * slope
+        return max(sigma, 2.5 * self.step) * sure * np.clip(1 - plain, 0, 1)
 
     def _gate(self, s: float) -> np.ndarray:
         """1 near the map's outline, 0 away from it; flat across it, so that the edges alone say where it is."""

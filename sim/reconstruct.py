@@ -126,6 +126,9 @@ def reconstruct(
         scene.set_potentials(potentials[-1])
         lap("potential")
         progress.stage, progress.sigma = stage, sigmas[0]
+        if stage > 0:
+            scene.deal()
+        scene.hold_tangents()
         scene.hold_depth()
         scene.set_material(max(LEAST_SHARE, (sigmas[0] / lists[0][0]) ** 2))
         loop.solver.material_changed()

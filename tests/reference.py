@@ -93,16 +93,16 @@ def ring_means(v: np.ndarray, spine: np.ndarray) -> tuple[np.ndarray, np.ndarray
     return centroid, radius
 
 
-def tangents(spine: np.ndarray, window: int, far: float) -> np.ndarray:
-    """Unit sum of the spine's segments either side of each ring, the j-th away by far^j."""
+def tangents(spine: np.ndarray, window: int, far: np.ndarray) -> np.ndarray:
+    """Unit sum of the spine's segments either side of each ring, the j-th away by its far^j."""
     segments = np.diff(spine, axis=0)
     out = np.zeros(spine.shape)
     for s in range(len(spine)):
         for j in range(window):
             if s + j < len(segments):
-                out[s] += far**j * segments[s + j]
+                out[s] += far[s] ** j * segments[s + j]
             if s - j > 0:
-                out[s] += far**j * segments[s - j - 1]
+                out[s] += far[s] ** j * segments[s - j - 1]
     return out / np.linalg.norm(out, axis=1, keepdims=True)
 
 

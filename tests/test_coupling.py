@@ -17,6 +17,8 @@ TUBE = TUBE.astype(np.float32).astype(float)
 OFFSET = TUBE - SPINE[:, None]
 LENGTH = np.linalg.norm(OFFSET, axis=-1, keepdims=True)
 CENTROID, RADIUS = reference.ring_means(TUBE, SPINE)
+FAR = np.linspace(0.2, 0.9, NS)
+"""Fading of each ring's look along the spine."""
 ATOL = 2e-6
 """A few roundings of float32 on numbers of order one."""
 
@@ -31,14 +33,14 @@ def _closed(tube):
 
 def test_ring_means():
     """Centroid and mean radius of figure 7, mean distance to the next ring, tangent over several segments."""
-    rig = Rig((TUBE, SPINE))
+    rig = Rig((TUBE, SPINE), ring_far=FAR)
     rig.forces()
     s = rig.state
     np.testing.assert_allclose(s.centroid.numpy(), CENTROID, atol=ATOL)
     np.testing.assert_allclose(s.radius.numpy(), RADIUS, atol=ATOL)
     gap = np.linalg.norm(np.diff(TUBE, axis=0), axis=-1).mean(axis=1)
     np.testing.assert_allclose(s.gap.numpy(), [*gap, 0], atol=ATOL)
-    tangent = reference.tangents(SPINE, int(coupling.WINDOW), float(coupling.FAR))
+    tangent = reference.tangents(SPINE, int(coupling.WINDOW), FAR)
     np.testing.assert_allclose(s.tangent.numpy(), tangent, atol=ATOL)
 
 
@@ -121,7 +123,7 @@ def test_closed_ends_feel_no_symmetry_expansion_or_ring_forces():
 
 def _upright(v, spine, centroid):
     """Sum over rings of mass mean ((v - c).t)^2 / 2, with the centroids held."""
-    t = reference.tangents(spine, int(coupling.WINDOW), float(coupling.FAR))
+    t = reference.tangents(spine, int(coupling.WINDOW), FAR)
     out = np.sum((v - centroid[:, None]) * t[:, None], axis=-1)
     return 0.5 * np.sum(reference.end_mass(len(v))[:, None] * out**2) / v.shape[1]
 
@@ -130,7 +132,7 @@ def _upright(v, spine, centroid):
 def test_upright_rings_and_spine_share_one_energy(closed):
     tube = _closed(TUBE) if closed else TUBE
     centroid = reference.ring_means(tube, SPINE)[0]
-    force, spine_force = Rig((tube, SPINE), closed=closed, d=0.7).forces()
+    force, spine_force = Rig((tube, SPINE), closed=closed, d=0.7, ring_far=FAR).forces()
     gradient = reference.gradient(lambda v: _upright(v, SPINE, centroid), tube, 1e-5)
     np.testing.assert_allclose(force, -0.7 * NX * gradient, atol=ATOL)
     gradient = reference.gradient(lambda v: _upright(tube, v, centroid), SPINE, 1e-5)
@@ -139,7 +141,7 @@ def test_upright_rings_and_spine_share_one_energy(closed):
 
 def test_upright_force_gives_the_spine_no_net_push():
     """The energy knows differences of the spine alone."""
-    _, spine_force = Rig((_closed(TUBE), SPINE), closed=True, d=0.7).forces()
+    _, spine_force = Rig((_closed(TUBE), SPINE), closed=True, d=0.7, ring_far=FAR).forces()
     np.testing.assert_allclose(spine_force.sum(axis=0), 0, atol=ATOL)
     assert np.abs(spine_force).max() > 1e-3
 

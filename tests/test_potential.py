@@ -139,3 +139,20 @@ def test_sigmas_fall_to_the_finest():
 def test_picture_says_where_it_lies():
     picture = _space(np.zeros((101, 201)), 128.0, potential="brightness").at(20.0).picture
     assert picture.sigma == 20.0 and picture.extent == (0, 0, 200, 100) and picture.image.shape == (26, 51)
+
+
+def test_poles_are_pushed_only_where_the_outline_is_not_plain():
+    """A bar 80 wide, from column 100 on a spike 4 wide: no push along the bar's sides, full in it, outward in the spike."""
+    inside = np.zeros((201, 241), np.float32)
+    inside[60:141, :101] = 1
+    inside[99:103, :161] = 1
+    space = _space(np.zeros(inside.shape), 40.0, inside)
+    potential = space.at(1.0)
+
+    def push(row, column):
+        x, y = potential.origin
+        return potential.samples[row - int(y), column - int(x), 3]
+
+    assert abs(push(60, 50)) < 0.1 * push(100, 50)
+    assert push(100, 50) > 2 and push(30, 50) < -2
+    assert push(100, 130) > 0.3 * push(100, 50) and push(100, 190) < -2
