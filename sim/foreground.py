@@ -23,6 +23,8 @@ PRIOR, SEED = 0.003, 10.0
 """Weights of prior and seeds against the image's edges."""
 UNEVEN, SLACK, SHORT = 1.5, 0.04, 0.2
 """Farthest that the object reaches to a side, times its width on the narrow one, plus lengths of the axis; past the ends."""
+MIDDLE, SMOOTH = 5, 1.0
+"""Rounds in which the axis goes to the object's middle; smoothing along it, in half widths."""
 CLEAR = 1.0
 """Log likelihood ratio of colours that are the object's wherever they are."""
 BINS = {1: 32, 3: 16}
@@ -242,10 +244,23 @@ def _soft(inside: np.ndarray) -> np.ndarray:
 
 def _half_width(inside: np.ndarray, line: np.ndarray, step: float, lo: np.ndarray) -> tuple[float, np.ndarray]:
     mask = _at_axis(inside, line)
-    depth = _depth(mask)
-    along = ndimage.map_coordinates(depth, line.T[::-1], order=1, mode="nearest")
-    half = float(np.median(along)) * step
-    return max(half, 2 * step), _carried_on(mask, line) * step + lo
+    if mask.any():
+        line = _middle(mask, line)
+    along = ndimage.map_coordinates(_depth(mask), line.T[::-1], order=1, mode="nearest")
+    return max(float(np.median(along)), 2.0) * step, _carried_on(mask, line) * step + lo
+
+
+def _middle(mask: np.ndarray, line: np.ndarray) -> np.ndarray:
+    """The axis [samples] moved to the middle of the object: means of what is nearest to each point, again and again."""
+    points = np.argwhere(mask)[:, ::-1].astype(float)
+    half = 2 * _depth(mask)[mask].mean()  # of a strip
+    for _ in range(MIDDLE):
+        _, place = _from_axis(line, mask.shape)
+        nearest = place[mask]
+        sums = np.stack([np.bincount(nearest, w, len(line)) for w in (points[:, 0], points[:, 1], np.ones(len(points)))])
+        sums = ndimage.gaussian_filter1d(sums, SMOOTH * half * len(line) / length_of(line), mode="constant") + 1e-9
+        line = axis_curve((sums[:2] / sums[2]).T, len(line))
+    return line
 
 
 def _carried_on(mask: np.ndarray, line: np.ndarray) -> np.ndarray:
