@@ -1,7 +1,8 @@
 """How likely each pixel is to belong to the object: a random walker led by the image's own colours and the rough axis.
 
 Colours near the axis and far from it make two histograms; their log likelihood ratio is the prior of a random walker
-(Grady 2005) whose edges are the image's own. Made three times, each time with the colours of the object found before.
+(Grady 2005) whose edges are the image's own. Made `ROUNDS` times, each time with the colours of the object found before,
+and led by the most likely ribbon about the axis from the second time on.
 """
 
 from __future__ import annotations
@@ -14,13 +15,19 @@ from scipy.interpolate import make_interp_spline
 from scipy.sparse.linalg import cg
 from skimage import color, measure, transform
 
+from .ribbon import ribbon
+
 AXIS = 130.0
 """Samples along the axis in the working image."""
-ROUNDS = 3
+ROUNDS = 4
 CORE, FAR, MARGIN = 0.02, 0.45, 0.75
 """Surely object within, surely background beyond, image looked at within: distance to the axis / its length."""
 PRIOR, SEED = 0.003, 10.0
 """Weights of prior and seeds against the image's edges."""
+PARTING = 0.25
+"""Mean square of the differences between neighbours at which they part, times that of the whole image."""
+SHAPE, RIM = 4.0, 4.0
+"""Log odds that the ribbon gives to what lies in it, against what lies out of it; its unsure rim to each side [samples]."""
 UNEVEN, SLACK, SHORT = 1.5, 0.04, 0.2
 """Farthest that the object reaches to a side, times its width on the narrow one, plus lengths of the axis; past the ends."""
 MIDDLE, SMOOTH = 5, 1.0
@@ -96,7 +103,7 @@ def resample(values: np.ndarray, origin: np.ndarray, step: float, shape: tuple[i
 
 
 def _edges(x: np.ndarray) -> sparse.csr_array:
-    """Laplacian of the 8-neighbour graph with weights exp(-|dX|^2 / (2 mean |dX|^2)) + 1e-4."""
+    """Laplacian of the 8-neighbour graph with weights exp(-|dX|^2 / (2 PARTING mean |dX|^2)) + 1e-4."""
     h, w = x.shape[:2]
     index = np.arange(h * w).reshape(h, w)
     pairs, squares = [], []
@@ -106,7 +113,7 @@ def _edges(x: np.ndarray) -> sparse.csr_array:
         pairs.append((index[a].ravel(), index[b].ravel()))
         squares.append(((x[a] - x[b]) ** 2).sum(-1).ravel())
     square = np.concatenate(squares)
-    weight = np.exp(-square / (2 * square.mean() + 1e-12)) + 1e-4
+    weight = np.exp(-square / (2 * PARTING * square.mean() + 1e-12)) + 1e-4
     i = np.concatenate([p[0] for p in pairs])
     j = np.concatenate([p[1] for p in pairs])
     off = sparse.coo_array((-weight, (i, j)), shape=(h * w, h * w))
@@ -182,13 +189,18 @@ def foreground(
     cells = np.asarray(np.ravel_multi_index(tuple(q[..., i] for i in range(channels)), (bins,) * channels))
     laplacian = _edges(x)
     inside = core.astype(float)
-    mine = core & known
+    mine, centre = core, line
     reach = np.full(len(line), np.inf)
-    for _ in range(ROUNDS):
-        fore = _histogram(cells, mine & known, channels)
-        back = _histogram(cells, far & known if not mine[~core].any() else ~mine & known, channels)
+    for again in range(ROUNDS):
+        fore, back = _histogram(cells, mine & known, channels), _histogram(cells, ~mine & known, channels)
         ratio = np.log((fore[cells] + 1e-7) / (back[cells] + 1e-7))
-        prior = 1 / (1 + np.exp(-np.clip(0.5 * ratio, -6, 6)))
+        odds = np.clip(0.5 * ratio, -6, 6)
+        depth = np.zeros(shape)
+        if again:
+            within, centre = ribbon(x, odds, centre)
+            depth = _depth(within) - _depth(~within)
+            odds += SHAPE * np.clip(depth / RIM, -1, 1)
+        prior = 1 / (1 + np.exp(-odds))
         # a click beside the object has put its seeds on the background's colours
         sure = core & (ratio > -1.0)
         beyond = far | ((off > reach[place]) & (ratio < CLEAR))
@@ -197,6 +209,8 @@ def foreground(
         inside = _solve(laplacian, weight, prior, inside)
         mine = _at_axis(inside, line) | sure
         reach = _reach(mine, line)
+        if again:
+            mine = (mine | (depth > RIM)) & (depth > -RIM)
     inside = _soft(inside)
     return Foreground(inside, step, (float(lo[0]), float(lo[1])), length, *_half_width(inside, line, step, lo))
 
