@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage, sparse
 from scipy.interpolate import make_interp_spline
-from scipy.sparse.linalg import cg
+from scipy.sparse.linalg import LinearOperator, cg, splu
 from skimage import color, measure, transform
 
 from .ribbon import ribbon
@@ -20,6 +20,8 @@ from .ribbon import ribbon
 AXIS = 130.0
 """Samples along the axis in the working image."""
 ROUNDS = 4
+BLOCK = 8
+"""Side of a block of samples that the solver takes as one first."""
 CORE, FAR, MARGIN = 0.02, 0.45, 0.75
 """Surely object within, surely background beyond, image looked at within: distance to the axis / its length."""
 PRIOR, SEED = 0.003, 10.0
@@ -100,6 +102,25 @@ def resample(values: np.ndarray, origin: np.ndarray, step: float, shape: tuple[i
     cols = origin[0] + step * np.arange(shape[1])
     matrix = transform.AffineTransform(scale=(step, step), translation=(cols[0], rows[0]))
     return transform.warp(values, matrix, output_shape=shape, order=1, mode="edge", preserve_range=True).astype(np.float32)
+
+
+@dataclass(frozen=True)
+class _Walk:
+    """The random walk on the samples and on blocks of them."""
+
+    laplacian: sparse.csr_array
+    coarse: sparse.csr_array
+    """the same, summed over blocks."""
+    block: np.ndarray
+    """which block each sample is in, shape (h w)."""
+
+
+def _walk(x: np.ndarray) -> _Walk:
+    laplacian = _edges(x)
+    rows, cols = np.indices(x.shape[:2]) // BLOCK
+    block = (rows * (cols.max() + 1) + cols).ravel()
+    whole = sparse.csr_array((np.ones(len(block)), (np.arange(len(block)), block)))
+    return _Walk(laplacian, (whole.T @ laplacian @ whole).tocsr(), block)
 
 
 def _edges(x: np.ndarray) -> sparse.csr_array:
@@ -187,7 +208,7 @@ def foreground(
     low, high = x.min((0, 1)), x.max((0, 1))
     q = np.clip(((x - low) / (high - low + 1e-6) * bins).astype(int), 0, bins - 1)
     cells = np.asarray(np.ravel_multi_index(tuple(q[..., i] for i in range(channels)), (bins,) * channels))
-    laplacian = _edges(x)
+    walk = _walk(x)
     inside = core.astype(float)
     mine, centre = core, line
     reach = np.full(len(line), np.inf)
@@ -206,7 +227,7 @@ def foreground(
         beyond = far | ((off > reach[place]) & (ratio < CLEAR))
         prior[sure], prior[beyond] = 1.0, 0.0
         weight = np.where(known, PRIOR, 1e-6) + np.where(sure | beyond, SEED, 0.0)
-        inside = _solve(laplacian, weight, prior, inside)
+        inside = _solve(walk, weight, prior, inside)
         mine = _at_axis(inside, line) | sure
         reach = _reach(mine, line)
         if again:
@@ -244,10 +265,17 @@ def _reach(mine: np.ndarray, line: np.ndarray) -> np.ndarray:
     return np.maximum(reach, SHORT * AXIS - 2 * np.minimum(along, AXIS - along))
 
 
-def _solve(laplacian: sparse.csr_array, weight: np.ndarray, prior: np.ndarray, start: np.ndarray) -> np.ndarray:
-    a = laplacian + sparse.diags_array(weight.ravel())
-    jacobi = sparse.diags_array(1 / a.diagonal())
-    x, _ = cg(a, (weight * prior).ravel(), x0=start.ravel(), rtol=1e-4, maxiter=600, M=jacobi)
+def _solve(walk: _Walk, weight: np.ndarray, prior: np.ndarray, start: np.ndarray) -> np.ndarray:
+    """Conjugate gradients, preconditioned by the diagonal and by the system on blocks of samples."""
+    a = walk.laplacian + sparse.diags_array(weight.ravel())
+    inverse = 1 / a.diagonal()
+    coarse = splu((walk.coarse + sparse.diags_array(np.bincount(walk.block, weight.ravel()))).tocsc())
+
+    def rough(r: np.ndarray) -> np.ndarray:
+        return inverse * r + coarse.solve(np.bincount(walk.block, r))[walk.block]
+
+    both = LinearOperator(a.shape, matvec=rough)  # pyright: ignore[reportCallIssue]
+    x, _ = cg(a, (weight * prior).ravel(), x0=start.ravel(), rtol=1e-4, maxiter=600, M=both)
     return x.reshape(weight.shape)
 
 

@@ -110,7 +110,7 @@ def test_the_map_must_fall_across_the_contour():
 
 
 def test_a_run_cut_short_is_trusted_once_it_hardly_moves():
-    """A pear after 20 iterations, still on its way, and after 150: not at rest by the residual, but as large as the truth."""
+    """A pear after 20 iterations, on its way, and after 150: not at rest by the residual, but as large as the truth."""
     sample = make(35)
     early, late = (
         reconstruct([View(sample.image)], [Tube(sample.clicks)], Settings(iterations=n)).objects[0] for n in (20, 150)
