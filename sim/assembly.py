@@ -70,16 +70,16 @@ class Assembly:
         """The rough axis in the world, as far as the map's object reaches; straight beyond its own ends."""
         if self.settings.potential != "map":
             return self.axes[k]
-        camera = self.views[0].camera
-        axis, flat = axis_curve(self.axes[k]), self.maps[k].axis
-        seen = camera.project(axis)
-        lead = int(((flat - seen[0]) ** 2).sum(1).argmin())
-        tail = int(((flat - seen[-1]) ** 2).sum(1).argmin())
-        ends = []
-        for end, inner, points in ((0, 10, flat[:lead][::-1]), (-1, -11, flat[tail + 1 :])):
-            reach = np.linalg.norm(points - seen[end], axis=1) / np.linalg.norm(seen[end] - seen[inner])
-            ends.append(axis[end] + reach[:, None] * (axis[end] - axis[inner]))
-        return np.concatenate([ends[0][::-1], axis, ends[1]])
+        camera, flat = self.views[0].camera, self.maps[k].axis
+        axis = axis_curve(self.axes[k])
+        long = np.concatenate([2 * axis[0] - axis[::-1], axis, 2 * axis[-1] - axis[::-1]])
+        gap = flat[:, None] - camera.project(long)[None]
+        near = long[(gap**2).sum(-1).argmin(axis=1)]
+        # each image point's line of sight, where it is as deep as the rough axis
+        sight, m = camera.sight(near), camera.matrix
+        sides = np.concatenate([m[:2, :3] - flat[..., None] * m[2, :3], sight[:, None]], axis=1)
+        heights = np.column_stack([flat * m[2, 3] - m[:2, 3], (sight * near).sum(axis=1)])
+        return np.linalg.solve(sides, heights[..., None])[..., 0]
 
     def world(self, k: int) -> tuple[np.ndarray, np.ndarray]:
         """Tube (N_x, N_s, 3) and spine (N_s, 3) of object k in world units."""

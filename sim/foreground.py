@@ -1,7 +1,8 @@
 """How likely each pixel is to belong to the object: a random walker led by the image's own colours and the rough axis.
 
 Colours near the axis and far from it make two histograms; their log likelihood ratio is the prior of a random walker
-(Grady 2005) whose edges are the image's own. Made three times, each time with the colours of the object found before.
+(Grady 2005) whose edges are the image's own. Made `ROUNDS` times, each time with the colours of the object found before,
+and led by the most likely ribbon about the axis from the second time on.
 """
 
 from __future__ import annotations
@@ -11,18 +12,28 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage, sparse
 from scipy.interpolate import make_interp_spline
-from scipy.sparse.linalg import cg
+from scipy.sparse.linalg import LinearOperator, cg, splu
 from skimage import color, measure, transform
+
+from .ribbon import ribbon
 
 AXIS = 130.0
 """Samples along the axis in the working image."""
-ROUNDS = 3
+ROUNDS = 4
+BLOCK = 8
+"""Side of a block of samples that the solver takes as one first."""
 CORE, FAR, MARGIN = 0.02, 0.45, 0.75
 """Surely object within, surely background beyond, image looked at within: distance to the axis / its length."""
 PRIOR, SEED = 0.003, 10.0
 """Weights of prior and seeds against the image's edges."""
+PARTING = 0.25
+"""Mean square of the differences between neighbours at which they part, times that of the whole image."""
+SHAPE, RIM = 4.0, 4.0
+"""Log odds that the ribbon gives to what lies in it, against what lies out of it; its unsure rim to each side [samples]."""
 UNEVEN, SLACK, SHORT = 1.5, 0.04, 0.2
 """Farthest that the object reaches to a side, times its width on the narrow one, plus lengths of the axis; past the ends."""
+MIDDLE, SMOOTH = 5, 1.0
+"""Rounds in which the axis goes to the object's middle; smoothing along it, in half widths."""
 CLEAR = 1.0
 """Log likelihood ratio of colours that are the object's wherever they are."""
 BINS = {1: 32, 3: 16}
@@ -93,8 +104,27 @@ def resample(values: np.ndarray, origin: np.ndarray, step: float, shape: tuple[i
     return transform.warp(values, matrix, output_shape=shape, order=1, mode="edge", preserve_range=True).astype(np.float32)
 
 
+@dataclass(frozen=True)
+class _Walk:
+    """The random walk on the samples and on blocks of them."""
+
+    laplacian: sparse.csr_array
+    coarse: sparse.csr_array
+    """the same, summed over blocks."""
+    block: np.ndarray
+    """which block each sample is in, shape (h w)."""
+
+
+def _walk(x: np.ndarray) -> _Walk:
+    laplacian = _edges(x)
+    rows, cols = np.indices(x.shape[:2]) // BLOCK
+    block = (rows * (cols.max() + 1) + cols).ravel()
+    whole = sparse.csr_array((np.ones(len(block)), (np.arange(len(block)), block)))
+    return _Walk(laplacian, (whole.T @ laplacian @ whole).tocsr(), block)
+
+
 def _edges(x: np.ndarray) -> sparse.csr_array:
-    """Laplacian of the 8-neighbour graph with weights exp(-|dX|^2 / (2 mean |dX|^2)) + 1e-4."""
+    """Laplacian of the 8-neighbour graph with weights exp(-|dX|^2 / (2 PARTING mean |dX|^2)) + 1e-4."""
     h, w = x.shape[:2]
     index = np.arange(h * w).reshape(h, w)
     pairs, squares = [], []
@@ -104,7 +134,7 @@ def _edges(x: np.ndarray) -> sparse.csr_array:
         pairs.append((index[a].ravel(), index[b].ravel()))
         squares.append(((x[a] - x[b]) ** 2).sum(-1).ravel())
     square = np.concatenate(squares)
-    weight = np.exp(-square / (2 * square.mean() + 1e-12)) + 1e-4
+    weight = np.exp(-square / (2 * PARTING * square.mean() + 1e-12)) + 1e-4
     i = np.concatenate([p[0] for p in pairs])
     j = np.concatenate([p[1] for p in pairs])
     off = sparse.coo_array((-weight, (i, j)), shape=(h * w, h * w))
@@ -178,23 +208,30 @@ def foreground(
     low, high = x.min((0, 1)), x.max((0, 1))
     q = np.clip(((x - low) / (high - low + 1e-6) * bins).astype(int), 0, bins - 1)
     cells = np.asarray(np.ravel_multi_index(tuple(q[..., i] for i in range(channels)), (bins,) * channels))
-    laplacian = _edges(x)
+    walk = _walk(x)
     inside = core.astype(float)
-    mine = core & known
+    mine, centre = core, line
     reach = np.full(len(line), np.inf)
-    for _ in range(ROUNDS):
-        fore = _histogram(cells, mine & known, channels)
-        back = _histogram(cells, far & known if not mine[~core].any() else ~mine & known, channels)
+    for again in range(ROUNDS):
+        fore, back = _histogram(cells, mine & known, channels), _histogram(cells, ~mine & known, channels)
         ratio = np.log((fore[cells] + 1e-7) / (back[cells] + 1e-7))
-        prior = 1 / (1 + np.exp(-np.clip(0.5 * ratio, -6, 6)))
+        odds = np.clip(0.5 * ratio, -6, 6)
+        depth = np.zeros(shape)
+        if again:
+            within, centre = ribbon(x, odds, centre)
+            depth = _depth(within) - _depth(~within)
+            odds += SHAPE * np.clip(depth / RIM, -1, 1)
+        prior = 1 / (1 + np.exp(-odds))
         # a click beside the object has put its seeds on the background's colours
         sure = core & (ratio > -1.0)
         beyond = far | ((off > reach[place]) & (ratio < CLEAR))
         prior[sure], prior[beyond] = 1.0, 0.0
         weight = np.where(known, PRIOR, 1e-6) + np.where(sure | beyond, SEED, 0.0)
-        inside = _solve(laplacian, weight, prior, inside)
+        inside = _solve(walk, weight, prior, inside)
         mine = _at_axis(inside, line) | sure
         reach = _reach(mine, line)
+        if again:
+            mine = (mine | (depth > RIM)) & (depth > -RIM)
     inside = _soft(inside)
     return Foreground(inside, step, (float(lo[0]), float(lo[1])), length, *_half_width(inside, line, step, lo))
 
@@ -228,10 +265,17 @@ def _reach(mine: np.ndarray, line: np.ndarray) -> np.ndarray:
     return np.maximum(reach, SHORT * AXIS - 2 * np.minimum(along, AXIS - along))
 
 
-def _solve(laplacian: sparse.csr_array, weight: np.ndarray, prior: np.ndarray, start: np.ndarray) -> np.ndarray:
-    a = laplacian + sparse.diags_array(weight.ravel())
-    jacobi = sparse.diags_array(1 / a.diagonal())
-    x, _ = cg(a, (weight * prior).ravel(), x0=start.ravel(), rtol=1e-4, maxiter=600, M=jacobi)
+def _solve(walk: _Walk, weight: np.ndarray, prior: np.ndarray, start: np.ndarray) -> np.ndarray:
+    """Conjugate gradients, preconditioned by the diagonal and by the system on blocks of samples."""
+    a = walk.laplacian + sparse.diags_array(weight.ravel())
+    inverse = 1 / a.diagonal()
+    coarse = splu((walk.coarse + sparse.diags_array(np.bincount(walk.block, weight.ravel()))).tocsc())
+
+    def rough(r: np.ndarray) -> np.ndarray:
+        return inverse * r + coarse.solve(np.bincount(walk.block, r))[walk.block]
+
+    both = LinearOperator(a.shape, matvec=rough)  # pyright: ignore[reportCallIssue]
+    x, _ = cg(a, (weight * prior).ravel(), x0=start.ravel(), rtol=1e-4, maxiter=600, M=both)
     return x.reshape(weight.shape)
 
 
@@ -242,10 +286,23 @@ def _soft(inside: np.ndarray) -> np.ndarray:
 
 def _half_width(inside: np.ndarray, line: np.ndarray, step: float, lo: np.ndarray) -> tuple[float, np.ndarray]:
     mask = _at_axis(inside, line)
-    depth = _depth(mask)
-    along = ndimage.map_coordinates(depth, line.T[::-1], order=1, mode="nearest")
-    half = float(np.median(along)) * step
-    return max(half, 2 * step), _carried_on(mask, line) * step + lo
+    if mask.any():
+        line = _middle(mask, line)
+    along = ndimage.map_coordinates(_depth(mask), line.T[::-1], order=1, mode="nearest")
+    return max(float(np.median(along)), 2.0) * step, _carried_on(mask, line) * step + lo
+
+
+def _middle(mask: np.ndarray, line: np.ndarray) -> np.ndarray:
+    """The axis [samples] moved to the middle of the object: means of what is nearest to each point, again and again."""
+    points = np.argwhere(mask)[:, ::-1].astype(float)
+    half = 2 * _depth(mask)[mask].mean()  # of a strip
+    for _ in range(MIDDLE):
+        _, place = _from_axis(line, mask.shape)
+        nearest = place[mask]
+        sums = np.stack([np.bincount(nearest, w, len(line)) for w in (points[:, 0], points[:, 1], np.ones(len(points)))])
+        sums = ndimage.gaussian_filter1d(sums, SMOOTH * half * len(line) / length_of(line), mode="constant") + 1e-9
+        line = axis_curve((sums[:2] / sums[2]).T, len(line))
+    return line
 
 
 def _carried_on(mask: np.ndarray, line: np.ndarray) -> np.ndarray:

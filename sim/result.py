@@ -17,6 +17,8 @@ LEAST_SUPPORT = 0.8
 """Share of the contour that image data must support."""
 MOST_OUTSIDE = 0.02
 """Share of the contour that may lie beyond the image."""
+UNREST = 0.015
+"""How far nodes may still move (root mean square) in the last tenth of a run that did not converge, in greatest radii."""
 FOLDED = 0.25
 """Relative difference of the mesh's volume from that of its rings, beyond which the tube must have folded."""
 
@@ -96,7 +98,10 @@ def finish(
         for name, f in (("mean", np.mean), ("p95", lambda x: np.quantile(x, 0.95)), ("max", np.max))
     }
     points = np.concatenate([p for p, _ in pieces] or [np.zeros((0, 2))])
-    warnings = _doubts(measures, points, scene.views[0].image.shape[:2], iterations, converged, diverged)
+    before = history[-1 - max(1, len(history) // 10)][0]
+    moved = float(np.sqrt(((nodes - before) ** 2).sum(axis=2).mean()))
+    unrest = not converged and moved > UNREST * max(measures["radius"])
+    warnings = _doubts(measures, points, scene.views[0].image.shape[:2], iterations, unrest, diverged)
     return ObjectResult(
         name=scene.tubes[k].name,
         tube=nodes[None],
@@ -120,13 +125,13 @@ def _doubts(
     contour: np.ndarray,
     shape: tuple[int, int],
     iterations: int,
-    converged: bool,
+    unrest: bool,
     diverged: bool,
 ) -> list[str]:
     doubts = []
     if diverged:
         doubts.append("the solver diverged and stopped at its last good state: try a lower solver.step or another axis")
-    elif not converged:
+    elif unrest:
         doubts.append(f"not at rest after {iterations} iterations: raise solver.iterations")
     share = measures["supported_share"]
     if share < LEAST_SUPPORT:
