@@ -126,12 +126,12 @@ class ScaleSpace:
         return half
 
     def _sampled(self, image: np.ndarray) -> np.ndarray:
-        """Colours of the part that is looked at; only that part of the image is converted."""
+        """Colours of the part that is looked at; only its samples are converted."""
         pad = np.ceil(3 * self.step)
         first = np.maximum(np.floor(self.origin) - pad, 0).astype(int)
         last = np.ceil(self.origin + np.array(self.shape[::-1]) * self.step + pad).astype(int)
         part = image[first[1] : last[1] + 1, first[0] : last[0] + 1]
-        return resample(colours(part), self.origin - first, self.step, self.shape)
+        return colours(resample(part, self.origin - first, self.step, self.shape))
 
     def _box(self) -> tuple[np.ndarray, np.ndarray]:
         """First image point and extent [px] of the part that is looked at: the map's object and what lies about it."""
