@@ -209,7 +209,7 @@ class ScaleSpace:
         floor = self._floor(p)
         pull = self._pull(s, p, slope)
         if finest:
-            pull -= self._limb(s, weight, pull)
+            pull -= self._limb(s, weight, p, pull)
         pull *= np.minimum(1.0, RANGE * s / np.maximum(np.linalg.norm(pull, axis=0), 1e-12)) * self.step
         if sure is None:
             return self._potential(sigma, [*pull, nothing, nothing], p)
@@ -220,7 +220,7 @@ class ScaleSpace:
         """Way to the edge [samples], shape (2, h, w)."""
         return slope * (self._blur(s) ** 2 / (p + self._floor(p)))
 
-    def _limb(self, s: float, weight: np.ndarray | float, pull: np.ndarray) -> np.ndarray:
+    def _limb(self, s: float, weight: np.ndarray | float, p: np.ndarray, pull: np.ndarray) -> np.ndarray:
         """What shading adds to the pull [samples], shape (2, h, w), from how it changes when the blur is doubled.
 
         Towards its outline a round object's shade falls as the root of the distance, which shifts the strongest
@@ -229,12 +229,15 @@ class ScaleSpace:
         """
         blur, two = self._blur(s), np.sqrt(2)
         wide = np.sqrt(s**2 + 3 * blur**2)
-        change = self._pull(wide, *self._edges(wide, weight)) - pull
+        p_wide, slope = self._edges(wide, weight)
+        change = self._pull(wide, p_wide, slope) - pull
         size = np.linalg.norm(change, axis=0) + 1e-12
         d = np.clip(size / (blur * LIMB), 0, 1)
         b = 2 * two - 1 - (1 + two) * d
         y = 2 * d / (b + np.sqrt(b**2 + 4 * two * (1 - d) * d) + 1e-12)
-        return change * (blur * LIMB * y / (1 + y) / size)
+        # at the edge alone, where twice the blur halves a step and takes 1 / sqrt(2) of a root; beside it both grow
+        at_edge = np.clip((p / (p_wide + 1e-12) - 1) / (two - 1), 0, 1)
+        return change * (at_edge * blur * LIMB * y / (1 + y) / size)
 
     def _blur(self, s: float) -> float:
         """Sigma [samples] of a step edge smoothed by `s`: the pixels' own extent and the resampling blur it too."""
