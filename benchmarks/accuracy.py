@@ -39,7 +39,7 @@ class Seeds:
     mixed: range
 
 
-UNSEEN = Seeds(range(1001, 1034), range(2002, 2013), range(3003, 3036))
+UNSEEN = Seeds(range(5005, 5038), range(6006, 6017), range(7007, 7040))
 TUNING = Seeds(range(0, 33), range(33, 44), range(44, 77))
 
 

@@ -25,7 +25,6 @@ from symseek.device import start_quietly
 from symseek.scene import Scene
 from symseek.sim.assembly import Assembly
 from symseek.sim.force import add_forces
-from symseek.sim.potential import sigma_list
 from symseek.sim.reconstruct import LEAST_SHARE, _Loop, reconstruct
 
 from .ablation import as_text
@@ -68,8 +67,7 @@ def iteration(scene: Scene, grid: tuple[int, int]) -> tuple[float, float]:
     tubes = [replace(tube, grid=grid) for tube in scene.tubes]
     laid = Assembly(scene.views, tubes, scene.settings, "cpu")
     space = laid.spaces[0]
-    sigma = sigma_list(laid.maps[0].half_width, space.step, None)[-1]
-    laid.set_potentials([space.at(sigma)])
+    laid.set_potentials([space.at(space.sigmas[-1], finest=True)])
     laid.hold_depth()
     laid.set_material(LEAST_SHARE)
     loop = _Loop(laid, careful=False)
