@@ -153,6 +153,7 @@ class Assembly:
 
     def stand_still(self) -> None:
         """Forgets the steps before, so that momentum does not carry over to another potential."""
+        self.state.age.zero_()
         self.state.velocity.zero_()
         self.state.spine_velocity.zero_()
 
