@@ -4,6 +4,8 @@ import warp as wp
 
 from . import banded
 
+GROWTH = wp.constant(3.0)
+"""Momentum n steps after it started anew is n / (n + this), until it is as large as it may be."""
 TURN = wp.constant(6.283185307179586)
 
 
@@ -21,17 +23,19 @@ def split_modes(
     centroid_in: wp.array[wp.vec3],
     force_in: wp.array[wp.vec3],
     spine_force_in: wp.array[wp.vec3],
+    velocity_in: wp.array[wp.vec3],
     # scalars
     rings: int,
     # out
     delta_out: wp.array[wp.vec3],
     low_out: wp.array[wp.vec3],
     residual_out: wp.array[float],
+    power_out: wp.array[float],
 ):
-    """Sets dt R, parted into the ring's modes k = 0, +-1 (with a longer step) and the rest, and the squared residual.
+    """Sets dt R, parted into the ring's modes k = 0, +-1 (with a longer step) and the rest; squared residual and power.
 
     `low_out` holds four lines of `rings` entries: mean, cosine, sine, spine. `first_mode` is the ring's stiffness in
-    mode 1. A closed end has its mean alone.
+    mode 1. A closed end has its mean alone. Power is that of the force along the step before, by which momentum is judged.
     """
     r = wp.tid()
     k = ring_tube[r]
@@ -43,14 +47,17 @@ def split_modes(
     cosine = wp.vec3(0.0)
     sine = wp.vec3(0.0)
     radial = float(0.0)
+    power = float(0.0)
     for x in range(n):
         f = force_in[start + x]
         angle = TURN * float(x) / float(n)
         mean += f
+        power += wp.dot(f, velocity_in[start + x])
         cosine += wp.cos(angle) * f
         sine += wp.sin(angle) * f
         radial += wp.dot(f, wp.normalize(tube_in[start + x] - centroid_in[r]))
     mean /= float(n)
+    power_out[r] = power / float(n)
     low_out[3 * rings + r] = step[k, 2] * spine_force_in[r]
     if ring_closed[r] != 0:
         residual_out[r] = wp.dot(mean, mean)
@@ -144,6 +151,34 @@ def scale_nodes(
 
 
 @wp.kernel(enable_backward=False)
+def gather_momentum(
+    # model
+    tube_ring: wp.array[int],
+    tube_ns: wp.array[int],
+    # state in
+    power_in: wp.array[float],
+    # scalars
+    most: float,
+    # out
+    age_out: wp.array[float],
+    momentum_out: wp.array[float],
+):
+    """Sets each tube's momentum: it grows to `most`, and starts anew when the last step goes on against the force.
+
+    Soft modes then gather speed and stiff ones do not swing (O'Donoghue and Candes, adaptive restart).
+    """
+    k = wp.tid()
+    power = float(0.0)
+    for s in range(tube_ns[k]):
+        power += power_in[tube_ring[k] + s]
+    age = age_out[k] + 1.0
+    if power < 0.0:
+        age = 0.0
+    age_out[k] = age
+    momentum_out[k] = wp.min(age / (age + GROWTH), most)
+
+
+@wp.kernel(enable_backward=False)
 def advance(
     # model
     node_ring: wp.array[int],
@@ -153,22 +188,23 @@ def advance(
     # state in
     delta_in: wp.array[wp.vec3],
     low_in: wp.array[wp.vec3],
+    momentum_in: wp.array[float],
     # scalars
     rings: int,
-    momentum: float,
     # out
     tube_out: wp.array[wp.vec3],
     spine_out: wp.array[wp.vec3],
     velocity_out: wp.array[wp.vec3],
     spine_velocity_out: wp.array[wp.vec3],
 ):
-    """Adds the step and `momentum` times the one before to tube and spine."""
+    """Adds the step and the tube's momentum times the one before to tube and spine."""
     i = wp.tid()
     r = node_ring[i]
     x = i - ring_node[r]
     angle = TURN * float(x) / float(tube_nx[ring_tube[r]])
     mean = low_in[r]
     d = delta_in[i] + mean + wp.cos(angle) * low_in[rings + r] + wp.sin(angle) * low_in[2 * rings + r]
+    momentum = momentum_in[ring_tube[r]]
     d += momentum * velocity_out[i]
     velocity_out[i] = d
     tube_out[i] = tube_out[i] + d

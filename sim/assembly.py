@@ -145,6 +145,13 @@ class Assembly:
         """Tube and spine nodes as they are now, to go back to with `rewind`."""
         return self.state.tube.numpy().copy(), self.state.spine.numpy().copy()
 
+    def moved(self, before: np.ndarray) -> float:
+        """Longest way since tube nodes were at `before`: of nodes across the surface, of closed ends in any direction."""
+        way = self.state.tube.numpy() - before
+        across = np.abs((way * self.state.normal.numpy()).sum(axis=1)).max()
+        ends = self.model.host_ring_closed[self.model.node_ring.numpy()]
+        return float(max(across, np.linalg.norm(way[ends], axis=1).max(initial=0.0)))
+
     def rewind(self, positions: tuple[np.ndarray, np.ndarray]) -> None:
         """Goes back to `positions`, at rest."""
         self.state.tube.assign(positions[0])
@@ -153,6 +160,7 @@ class Assembly:
 
     def stand_still(self) -> None:
         """Forgets the steps before, so that momentum does not carry over to another potential."""
+        self.state.age.zero_()
         self.state.velocity.zero_()
         self.state.spine_velocity.zero_()
 

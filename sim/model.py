@@ -128,4 +128,5 @@ class State:
         self.centroid, self.tangent, self.tilt = (vectors(model.rings) for _ in range(3))
         self.radius, self.gap = scalars(model.rings), scalars(model.rings)
         self.delta, self.low = vectors(model.nodes), vectors(4 * model.rings)
-        self.residual = scalars(model.rings)
+        self.residual, self.power = scalars(model.rings), scalars(model.rings)
+        self.age, self.momentum = scalars(model.tubes), scalars(model.tubes)

@@ -20,10 +20,10 @@ __all__ = ["ObjectResult", "Progress", "Result", "reconstruct"]
 
 CHECK = 10
 """Iterations between two looks at the residual."""
-COARSE = 10.0
+COARSE = 3.0
 """How much more residual a coarse scale may keep: the next scale moves the tube further than that anyway."""
-REST = 3e-4
-"""How far nodes may still move (root mean square) in `LOOK` iterations at the finest scale: soft modes are slow."""
+REST = 4e-4
+"""How far surface and closed ends may still move in `LOOK` iterations at the finest scale; rings within it may slide."""
 LOOK = 50
 LOST = 1.0
 """Residual force at which the solver has diverged [initial spine lengths]."""
@@ -133,7 +133,7 @@ def reconstruct(
         scene.set_material(max(LEAST_SHARE, (sigmas[0] / lists[0][0]) ** 2))
         loop.solver.material_changed()
         scene.stand_still()
-        start, again = scene.positions(), False
+        start, begun, again = scene.positions(), progress.iteration, False
         tolerance = settings.tolerance * (1.0 if stage == stages - 1 else COARSE)
         # what earlier scales did not use is left to later ones
         end = progress.iteration + (settings.iterations - progress.iteration) // (stages - stage)
@@ -144,9 +144,8 @@ def reconstruct(
                     history[k].append((*scene.world(k), sigmas[k]))
             loop.run()
             progress.iteration += 1
-            if stage == stages - 1 and progress.iteration % LOOK == 0:
-                now = scene.positions()[0]
-                moved, before = float(np.sqrt(((now - before) ** 2).sum(axis=1).mean())), now
+            if stage == stages - 1 and (progress.iteration - begun) % LOOK == 0:
+                moved, before = scene.moved(before), scene.positions()[0]
             if progress.iteration % CHECK == 0 or progress.iteration == end:
                 progress.residual = loop.residual()
                 converged = progress.residual < tolerance and (stage < stages - 1 or moved < REST)

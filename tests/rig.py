@@ -56,7 +56,7 @@ class Rig:
     def forces(self, contour="subnode", literal=False, tau=0.05) -> tuple[np.ndarray, np.ndarray]:
         """Forces on the first tube (ns, nx, 3) and on all spine nodes (R, 3), float64; whatever is left unset is NaN."""
         for name, array in vars(self.state).items():
-            if name not in ("tube", "spine", "velocity", "spine_velocity"):
+            if name not in ("tube", "spine", "velocity", "spine_velocity", "age"):
                 array.fill_(np.nan)
         add_forces(self.model, self.state, contour, literal, tau)
         nx, ns = self.model.grids[0]

@@ -120,9 +120,28 @@ def test_momentum_repeats_a_share_of_each_step(rng, weights, scheme):
     """A steady force d: d, then (1 + m) d, then (1 + m + m^2) d."""
     force, spine_force = rng.normal(size=(NS, NX, 3)), rng.normal(size=(NS, 3))
     once = _moved(_rig(weights, a=0.1), scheme, force, spine_force)
-    thrice = _moved(_rig(weights, a=0.1), scheme, force, spine_force, momentum=0.5, steps=3)
+    thrice = _moved(_rig(weights, a=0.1), scheme, force, spine_force, momentum=0.3, steps=3)
     for first, third in zip(once, thrice, strict=True):
-        np.testing.assert_allclose(third, (1 + 1.5 + 1.75) * first, atol=2e-5)
+        np.testing.assert_allclose(third, (1 + 1.3 + 1.39) * first, atol=2e-5)
+
+
+@schemes
+def test_momentum_grows_and_starts_anew_against_the_force(rng, weights, scheme):
+    """Steps d and (1 + 2/5) d; then, the force turned round, -d without momentum."""
+    rig, force = _rig(weights), rng.normal(size=(NS, NX, 3))
+    tube = rig.tube()
+    solver = make_solver(scheme, rig.model, *STEPS[scheme], 0.9)
+    rig.forces()
+    places = []
+    for sign in (1, 1, -1):
+        rig.state.force.assign(sign * force.reshape(-1, 3).astype(np.float32))
+        rig.state.spine_force.zero_()
+        solver.step(rig.state)
+        places.append(rig.tube() - tube)
+    first = places[0]
+    np.testing.assert_allclose(places[1], (1 + 1.4) * first, atol=2e-5)
+    np.testing.assert_allclose(places[2], 1.4 * first, atol=2e-5)
+    assert rig.state.momentum.numpy() == 0
 
 
 @schemes

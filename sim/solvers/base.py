@@ -67,16 +67,23 @@ class Solver:
             m.rings,
             inputs=[
                 m.ring_tube, m.ring_node, m.tube_nx, m.ring_closed, self.first_mode, self.step_size,
-                s.tube, s.centroid, s.force, s.spine_force, m.rings,
+                s.tube, s.centroid, s.force, s.spine_force, s.velocity, m.rings,
             ],
-            outputs=[s.delta, s.low, s.residual],
+            outputs=[s.delta, s.low, s.residual, s.power],
             device=m.device,
         )  # fmt: skip
         self.solve_lines(state)
         wp.launch(
+            integrate.gather_momentum,
+            m.tubes,
+            inputs=[m.tube_ring, m.tube_ns, s.power, self.momentum],
+            outputs=[s.age, s.momentum],
+            device=m.device,
+        )
+        wp.launch(
             integrate.advance,
             m.nodes,
-            inputs=[m.node_ring, m.ring_tube, m.ring_node, m.tube_nx, s.delta, s.low, m.rings, self.momentum],
+            inputs=[m.node_ring, m.ring_tube, m.ring_node, m.tube_nx, s.delta, s.low, s.momentum, m.rings],
             outputs=[s.tube, s.spine, s.velocity, s.spine_velocity],
             device=m.device,
         )
