@@ -6,14 +6,19 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from PIL import Image, ImageDraw
 from scipy import ndimage
 from scipy.interpolate import CubicSpline
 
+from .camera import Camera
+from .foreground import Foreground
 from .potential import Potential
-from .surface import refine, volume_and_area
+from .surface import refine, smooth_grid, volume_and_area
 
 REACH = 0.15
 """How far from the contour its edge is looked for, in half widths of the object."""
+SURE = 0.9
+"""Of the map: surely the object above, surely not below 1 - SURE."""
 
 
 def arc_length(spine: np.ndarray) -> np.ndarray:
@@ -52,6 +57,34 @@ def shape_measures(tube: np.ndarray, spine: np.ndarray) -> dict[str, Any]:
         "area": area,
         "asymmetry": float(np.sqrt(spread.sum() / max((radius**2).sum(), 1e-30))),
     }
+
+
+def map_agreement(tube: np.ndarray, camera: Camera, map_: Foreground) -> tuple[float, float]:
+    """How far the map bears out a tube, shape (N_x, N_s, 3), and how sure the map is of itself.
+
+    Returns:
+        Share of the tube's silhouette and the map's object together that they agree about to within a sample;
+        share of what may be the object by the map that surely is.
+    """
+    mask = _silhouette(tube, camera, map_)
+    labels = ndimage.label(map_.inside > 0.5)[0]  # pyright: ignore
+    shared = np.bincount(labels[mask], minlength=2)
+    object_ = labels == 1 + shared[1:].argmax()
+    apart = sum(np.sum(a & np.logical_not(ndimage.binary_dilation(b))) for a, b in ((mask, object_), (object_, mask)))
+    sure, maybe = map_.inside > SURE, map_.inside > 1 - SURE
+    return float(1 - apart / max((mask | object_).sum(), 1)), float(sure.sum() / max(maybe.sum(), 1))
+
+
+def _silhouette(tube: np.ndarray, camera: Camera, map_: Foreground) -> np.ndarray:
+    """The map's samples that the tube covers."""
+    points = (camera.project(smooth_grid(tube)[::2, ::2]) - np.array(map_.origin)) / map_.step
+    around = np.roll(points, -1, axis=0)
+    patches = np.stack([points[:, :-1], points[:, 1:], around[:, 1:], around[:, :-1]], axis=2)
+    picture = Image.new("1", map_.inside.shape[::-1])
+    draw = ImageDraw.Draw(picture)
+    for corners in patches.reshape(-1, 8).tolist():
+        draw.polygon(corners, fill=1)
+    return np.asarray(picture)
 
 
 @dataclass(frozen=True)

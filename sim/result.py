@@ -8,13 +8,15 @@ from typing import Any
 import numpy as np
 
 from .assembly import Assembly
-from .measure import contour_support, shape_measures
+from .measure import contour_support, map_agreement, shape_measures
 from .potential import Potential, PotentialPicture
 from .problem import Settings
 from .surface import occluding_contour, refine
 
-LEAST_SUPPORT = 0.8
+LEAST_SUPPORT = 0.6
 """Share of the contour that image data must support."""
+LEAST_AGREEMENT, LEAST_CERTAINTY = 0.965, 0.85
+"""Of the tube with the foreground map, and of the map itself; see `map_agreement`."""
 MOST_OUTSIDE = 0.02
 """Share of the contour that may lie beyond the image."""
 UNREST = 0.015
@@ -97,6 +99,8 @@ def finish(
         name: float(f(offsets)) if len(offsets) else float("nan")
         for name, f in (("mean", np.mean), ("p95", lambda x: np.quantile(x, 0.95)), ("max", np.max))
     }
+    if scene.settings.potential == "map":
+        measures["map_agreement"], measures["map_certainty"] = map_agreement(nodes, scene.views[0].camera, scene.maps[k])
     points = np.concatenate([p for p, _ in pieces] or [np.zeros((0, 2))])
     before = history[-1 - max(1, len(history) // 10)][0]
     moved = float(np.sqrt(((nodes - before) ** 2).sum(axis=2).mean()))
@@ -138,6 +142,15 @@ def _doubts(
         doubts.append(
             f"only {share:.0%} of the contour lies on edges of the image: check the overlay, draw the axis nearer to the"
             " object's middle, or mark with not_here or ignore what it must not take"
+        )
+    if measures.get("map_agreement", 1.0) < LEAST_AGREEMENT:
+        doubts.append(
+            "the tube departs from the foreground map: check both, and draw the axis nearer to the object's middle"
+        )
+    if measures.get("map_certainty", 1.0) < LEAST_CERTAINTY:
+        doubts.append(
+            "the object's colours and edges part it poorly from what is around it: check the foreground map, or mark with"
+            " not_here or ignore what it must not take"
         )
     h, w = shape
     outside = (contour < -0.5).any(axis=1) | (contour > [w - 0.5, h - 0.5]).any(axis=1)

@@ -17,9 +17,9 @@ BEYOND = 0.15
 """How far past each end of the axis is looked, in lengths of the axis."""
 SAY = 1.0
 """Most that one sample's colour may say, as log odds."""
-EDGE = 10.0
+EDGE = 20.0
 """What the strongest edges at both ends of a station are worth, in samples of plain colour."""
-SWAY, SWELL = 6.0, 1.0
+SWAY, SWELL = 6.0, 6.0
 """Cost of a grain by which centre and half width change from one station to the next, in samples of plain colour."""
 SHIFTS = [(i, j) for i in (-1, 0, 1) for j in (-3, -2, -1, 0, 1, 2, 3)]
 """Changes of centre and half width from one station to the next, in grains."""

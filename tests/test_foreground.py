@@ -38,6 +38,17 @@ def test_ellipse_in_noise(colour):
         assert _iou(_map(_scene(noise, colour)), ELLIPSE) > 0.97
 
 
+@pytest.mark.parametrize("seed", range(2))
+def test_tint_tells_apart_what_lightness_does_not(seed):
+    """A greenish ellipse with a highlight along it on grey blocks of all shades."""
+    rng = np.random.default_rng(seed)
+    blocks = np.kron(rng.uniform(0.15, 0.75, (20, 24)), np.ones((10, 10)))
+    light = np.where(ELLIPSE, 0.2 + 0.45 * np.exp(-(((Y - 88) / 7) ** 2)), blocks)
+    image = light[..., None] * np.where(ELLIPSE[..., None], [0.8, 1.2, 0.8], 1.0)
+    noisy = image + 0.02 * rng.standard_normal(image.shape)
+    assert _iou(_map(np.clip(noisy, 0, 1).astype(np.float32)), ELLIPSE) > 0.965
+
+
 def test_contrast_either_way():
     assert _iou(_map(1 - _scene()), ELLIPSE) > 0.97
 

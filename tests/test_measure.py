@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from symseek.scenes.synthetic import make
-from symseek.sim.measure import arc_length, contour_support, shape_measures
+from symseek.sim.camera import Camera
+from symseek.sim.foreground import Foreground
+from symseek.sim.measure import arc_length, contour_support, map_agreement, shape_measures
 from symseek.sim.potential import Potential
 from symseek.sim.problem import Settings, Tube, View
 from symseek.sim.reconstruct import reconstruct
@@ -107,6 +109,33 @@ def test_the_map_must_fall_across_the_contour():
     for inside, expected in ((left, True), (1 - left, False), (np.ones_like(left), False)):
         supported = contour_support(*_contour(60.0), potential, inside, HALF).supported
         assert np.all(supported == expected)
+
+
+def _map_beside(shift, unsure=0.0, step=0.02):
+    """The ellipsoid's outline in a map, `shift` to the right; `unsure` beyond the surely inside [half widths]."""
+    y, x = np.mgrid[-2.5:2.5:step, -1.5:1.5:step]
+    off = np.hypot((x - shift) / 0.7, y / 2)
+    inside = np.clip(0.5 + (1 - off) / max(unsure, 1e-9), 0, 1).astype(np.float32)
+    return Foreground(inside, step, (-1.5, -2.5), 4.0, 0.7, np.zeros((2, 2)))
+
+
+def test_agreement_with_a_map_moved_aside():
+    """An ellipse moved by d of its half width: intersection (2 / pi) (acos q - q sqrt(1 - q^2)) of it, q = d / 2."""
+    tube = _ellipsoid()[0]
+    assert map_agreement(tube, Camera.orthographic(), _map_beside(0.0))[0] > 0.995
+    for share in (0.2, 0.5):
+        q = share / 2
+        both = 2 / np.pi * (np.arccos(q) - q * np.sqrt(1 - q * q))
+        found = map_agreement(tube, Camera.orthographic(), _map_beside(0.7 * share))[0]
+        # a sample of 1 / 35 half width to each side is let pass
+        assert both / (2 - both) < found < both / (2 - both) + 0.05
+
+
+@pytest.mark.parametrize("unsure", [0.1, 0.5])
+def test_certainty_of_a_soft_map(unsure):
+    """Surely inside within 1 - 0.4 `unsure` of the outline, maybe within 1 + 0.4 `unsure`."""
+    certainty = map_agreement(_ellipsoid()[0], Camera.orthographic(), _map_beside(0.0, unsure))[1]
+    assert certainty == pytest.approx(((1 - 0.4 * unsure) / (1 + 0.4 * unsure)) ** 2, abs=0.01)
 
 
 def test_a_run_cut_short_is_trusted_once_it_hardly_moves():
