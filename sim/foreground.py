@@ -14,6 +14,7 @@ from scipy import ndimage, sparse
 from scipy.interpolate import make_interp_spline
 from scipy.sparse.linalg import LinearOperator, cg, splu
 from skimage import color, measure, transform
+from threadpoolctl import threadpool_limits
 
 from .ribbon import ribbon
 
@@ -168,6 +169,8 @@ def _at_axis(inside: np.ndarray, axis: np.ndarray) -> np.ndarray:
     return np.isin(labels, keep) if len(keep) else np.zeros(inside.shape, bool)
 
 
+# vectors this short are slower shared between threads, much slower where cores are busy
+@threadpool_limits.wrap(limits=1, user_api="blas")
 def foreground(
     image: np.ndarray,
     axis: np.ndarray,

@@ -18,6 +18,8 @@ WIDE = 64.0
 """Most samples for an object's half width: finer images are sampled down, so that work does not grow with them."""
 COARSE = 5.0
 """Most samples for a sigma: beyond, every second sample serves as well."""
+SMOOTH = 2.1
+"""Sigma [samples] from which differences of neighbours serve as derivatives of an edge's strength."""
 FLOOR = 0.03
 """Share of the strongest edge below which an edge pulls less and less."""
 AROUND = 1.0
@@ -159,19 +161,26 @@ class ScaleSpace:
     def _edges(self, s: float, weight: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
         """P = weight |grad G*I| over all channels [1/sample] and weight grad |grad G*I|, shape (2, h, w); s in samples.
 
-        By derivatives of the Gaussian: differences would blur once more what is finest.
+        By derivatives of the Gaussian, the second too below `SMOOTH`: differences would blur once more what is finest.
         """
         once, twice = _derivatives(s)
         smooth = _gaussian(s)
-        along, bent, plain = (ndimage.correlate1d(self.image, k, axis=1, mode="nearest") for k in (once, twice, smooth))
-        x, xx = (ndimage.correlate1d(v, smooth, axis=0, mode="nearest") for v in (along, bent))
-        y, yy = (ndimage.correlate1d(plain, k, axis=0, mode="nearest") for k in (once, twice))
-        xy = ndimage.correlate1d(along, once, axis=0, mode="nearest")
+
+        def filtered(values: np.ndarray, kernel: np.ndarray, axis: int) -> np.ndarray:
+            return ndimage.correlate1d(values, kernel, axis, mode="nearest")
+
+        along, plain = filtered(self.image, once, 1), filtered(self.image, smooth, 1)
+        x, y = filtered(along, smooth, 0), filtered(plain, once, 0)
         p = np.sqrt((x**2 + y**2).sum(-1))
-        slope = np.stack([(x * xx + y * xy).sum(-1), (x * xy + y * yy).sum(-1)])
+        if s < SMOOTH:
+            xx, xy = filtered(filtered(self.image, twice, 1), smooth, 0), filtered(along, once, 0)
+            yy = filtered(plain, twice, 0)
+            slope = np.stack([(x * xx + y * xy).sum(-1), (x * xy + y * yy).sum(-1)]) / (p + 1e-12)
+        else:
+            slope = np.stack(np.gradient(p)[::-1])
         if self.known is not None:
             weight = weight * self.known
-        return weight * p, weight * slope / (p + 1e-12)
+        return weight * p, weight * slope
 
     def at(self, sigma: float, finest: bool = False) -> Potential:
         """The potential at a sigma [image px].

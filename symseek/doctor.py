@@ -18,6 +18,7 @@ PACKAGES = [
     "pyrender-maintained",
     "PyOpenGL",
     "trimesh",
+    "threadpoolctl",
     "av",
     "pillow",
 ]

@@ -228,6 +228,8 @@ def _record(result: Result, names: list[str]) -> dict[str, Any]:
                 "contour_residual_px": "pixels of the image",
                 "asymmetry": "share of the radius",
                 "supported_share": "share of the contour's length",
+                "map_agreement": "share of silhouette or map",
+                "map_certainty": "share of the map",
             },
             "seconds": {name: round(s, 4) for name, s in result.seconds.items()},
             "objects": objects,
