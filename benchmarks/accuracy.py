@@ -102,7 +102,7 @@ METHODS: dict[str, Callable[[Sample], Answer]] = {
     "inflation: Poisson": _solid(inflation.poisson),
     "inflation: balls": _solid(inflation.balls),
     "active contour": _line(contour_peer.plain),
-    "active contour, helped": _line(contour_peer.helped),
+    "helped active contour": _line(contour_peer.helped),
     "circles on the true axis": lambda sample: Answer(mesh=truth.circular_sections(sample)),
 }
 SOLIDS = ("symseek", "generalised cylinder", "inflation: Poisson", "inflation: balls")
@@ -123,7 +123,7 @@ def lots(seeds: Seeds, quick: bool) -> list[Lot]:
     """Everything that is run."""
     some = 11 if quick else 33
     varied = seeds.varied[: 4 if quick else 11]
-    outlines = ("active contour, helped",) if quick else ("active contour", "active contour, helped")
+    outlines = ("helped active contour",) if quick else ("active contour", "helped active contour")
     out = [Lot("all kinds, 512 px, noise 0.01", [Case(s) for s in seeds.main[:some]], SOLIDS + outlines)]
     for title, look in {
         "noise 0.05": {"noise": 0.05},
