@@ -276,7 +276,6 @@ def switch_force(
     # model
     node_ring: wp.array[int],
     ring_tube: wp.array[int],
-    tube_ns: wp.array[int],
     eyes: wp.array[projection.Eye],
     fields: wp.array2d[image.Field],
     samples: wp.array[wp.vec4],

@@ -136,7 +136,6 @@ def relax_spine(
     """Sets the spine's natural second difference and the push of its least lengths L1 (section 3) in each edge.
 
     The natural bend is the part of its own that a low polynomial in s describes: a spine then resists wriggles, not an
-    The natural bend is the part of its own that a low polynomial in s describes: a spine then resists wriggles, not an
     even bend, so rigidity does not pull a banana straight. `basis` holds orthonormal polynomials on the interior nodes,
     0 at the ends. Edges may shorten freely, as they do under a flat end, but a node never passes the next one.
     """

@@ -89,7 +89,7 @@ def add_forces(model: Model, state: State, contour_kind: str, literal: bool, tau
             wp.launch(
                 contour.switch_force,
                 m.nodes,
-                inputs=[m.node_ring, m.ring_tube, m.tube_ns, *pictures, tau],
+                inputs=[m.node_ring, m.ring_tube, *pictures, tau],
                 outputs=[s.force],
                 device=m.device,
             )
