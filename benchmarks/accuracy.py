@@ -39,7 +39,7 @@ class Seeds:
     mixed: range
 
 
-UNSEEN = Seeds(range(5005, 5038), range(6006, 6017), range(7007, 7040))
+UNSEEN = Seeds(range(8008, 8041), range(9009, 9020), range(10010, 10043))
 TUNING = Seeds(range(0, 33), range(33, 44), range(44, 77))
 
 

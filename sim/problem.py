@@ -66,5 +66,5 @@ class Settings:
     """time step dt; None: the scheme's own."""
     slow: float | None = None
     """factor of the step for a ring's slow modes (acceleration); 1 is the plain scheme, None the scheme's own."""
-    momentum: float = 0.95
+    momentum: float = 0.9
     """most share of a step that the next one repeats (acceleration of soft modes); 0 is the plain scheme."""
