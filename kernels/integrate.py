@@ -6,7 +6,6 @@ from . import banded
 
 GROWTH = wp.constant(3.0)
 """Momentum n steps after it started anew is n / (n + this), until it is as large as it may be."""
-TURN = wp.constant(6.283185307179586)
 
 
 @wp.kernel(enable_backward=False)
@@ -16,6 +15,7 @@ def split_modes(
     ring_node: wp.array[int],
     tube_nx: wp.array[int],
     ring_closed: wp.array[int],
+    node_wave: wp.array[wp.vec2],
     first_mode: wp.array[float],
     step: wp.array2d[float],
     # state in
@@ -50,11 +50,11 @@ def split_modes(
     power = float(0.0)
     for x in range(n):
         f = force_in[start + x]
-        angle = TURN * float(x) / float(n)
+        wave = node_wave[start + x]
         mean += f
         power += wp.dot(f, velocity_in[start + x])
-        cosine += wp.cos(angle) * f
-        sine += wp.sin(angle) * f
+        cosine += wave[0] * f
+        sine += wave[1] * f
         radial += wp.dot(f, wp.normalize(tube_in[start + x] - centroid_in[r]))
     mean /= float(n)
     power_out[r] = power / float(n)
@@ -76,8 +76,8 @@ def split_modes(
     low_out[rings + r] = first * cosine
     low_out[2 * rings + r] = first * sine
     for x in range(n):
-        angle = TURN * float(x) / float(n)
-        rest = force_in[start + x] - mean - wp.cos(angle) * cosine - wp.sin(angle) * sine
+        wave = node_wave[start + x]
+        rest = force_in[start + x] - mean - wave[0] * cosine - wave[1] * sine
         delta_out[start + x] = dt * rest
 
 
@@ -184,7 +184,7 @@ def advance(
     node_ring: wp.array[int],
     ring_tube: wp.array[int],
     ring_node: wp.array[int],
-    tube_nx: wp.array[int],
+    node_wave: wp.array[wp.vec2],
     # state in
     delta_in: wp.array[wp.vec3],
     low_in: wp.array[wp.vec3],
@@ -201,9 +201,9 @@ def advance(
     i = wp.tid()
     r = node_ring[i]
     x = i - ring_node[r]
-    angle = TURN * float(x) / float(tube_nx[ring_tube[r]])
+    wave = node_wave[i]
     mean = low_in[r]
-    d = delta_in[i] + mean + wp.cos(angle) * low_in[rings + r] + wp.sin(angle) * low_in[2 * rings + r]
+    d = delta_in[i] + mean + wave[0] * low_in[rings + r] + wave[1] * low_in[2 * rings + r]
     momentum = momentum_in[ring_tube[r]]
     d += momentum * velocity_out[i]
     velocity_out[i] = d
