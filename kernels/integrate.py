@@ -88,12 +88,9 @@ def sweep_rings(
     ring_node: wp.array[int],
     tube_nx: wp.array[int],
     ring_closed: wp.array[int],
-    lower1: wp.array[float],
-    lower2: wp.array[float],
-    inverse: wp.array[float],
+    factor: wp.array[wp.vec3],
     border: wp.array[wp.vec2],
     corner: wp.array[wp.vec3],
-    edge: wp.array2d[float],
     # out
     delta_out: wp.array[wp.vec3],
 ):
@@ -102,7 +99,7 @@ def sweep_rings(
     if ring_closed[r] != 0:
         return
     n = tube_nx[ring_tube[r]]
-    banded.solve_cyclic(lower1, lower2, inverse, border, corner, edge, r, delta_out, ring_node[r], n)
+    banded.solve_cyclic(factor, border, corner[r], delta_out, ring_node[r], n)
 
 
 @wp.kernel(enable_backward=False)
@@ -114,12 +111,8 @@ def sweep_meridians(
     tube_ns: wp.array[int],
     tube_node: wp.array[int],
     tube_ring: wp.array[int],
-    lower1: wp.array[float],
-    lower2: wp.array[float],
-    inverse: wp.array[float],
-    low_lower1: wp.array[float],
-    low_lower2: wp.array[float],
-    low_inverse: wp.array[float],
+    factor: wp.array[wp.vec3],
+    low_factor: wp.array[wp.vec3],
     # scalars
     rings: int,
     # out
@@ -132,10 +125,10 @@ def sweep_meridians(
     x = line_x[i]
     ns = tube_ns[k]
     if x >= 0:
-        banded.solve_open(lower1, lower2, inverse, delta_out, tube_node[k] + x, tube_nx[k], ns)
+        banded.solve_open(factor, delta_out, tube_node[k] + x, tube_nx[k], ns)
     else:
         at = tube_ring[k] - (x + 1) * rings
-        banded.solve_open(low_lower1, low_lower2, low_inverse, low_out, at, 1, ns)
+        banded.solve_open(low_factor, low_out, at, 1, ns)
 
 
 @wp.kernel(enable_backward=False)
