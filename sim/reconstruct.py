@@ -37,20 +37,20 @@ class Progress:
     """Where a run is; handed to the callback each iteration."""
 
     def __init__(self, scene: Assembly, stages: int):
-        self._scene = scene
+        self.scene = scene
         self.iteration, self.total = 0, scene.settings.iterations
         self.stage, self.stages, self.sigma, self.residual = 0, stages, 0.0, float("inf")
 
     def tube(self, k: int = 0) -> np.ndarray:
         """Nodes of tube k now, shape (N_x, N_s, 3), world units."""
-        return self._scene.world(k)[0]
+        return self.scene.world(k)[0]
 
     def spine(self, k: int = 0) -> np.ndarray:
         """Spine of tube k now, shape (N_s, 3), world units."""
-        return self._scene.world(k)[1]
+        return self.scene.world(k)[1]
 
 
-class _Loop:
+class Loop:
     """The iteration, captured as a graph and launched again and again."""
 
     def __init__(self, scene: Assembly, careful: bool):
@@ -113,7 +113,7 @@ def reconstruct(
     lists = [space.sigmas for space in scene.spaces]
     stages = max(len(x) for x in lists)
     scene.set_material(1.0)
-    loop = _Loop(scene, careful=False)
+    loop = Loop(scene, careful=False)
     lap("kernels")
     progress = Progress(scene, stages)
     history: list[list] = [[] for _ in tubes]
@@ -152,7 +152,7 @@ def reconstruct(
                 if not progress.residual < LOST:
                     scene.rewind(start)
                     diverged, again = again, True
-                    loop = _Loop(scene, careful=True)
+                    loop = Loop(scene, careful=True)
             stopped = bool(callback and callback(progress))
         lap("solve")
         if stopped or diverged:
