@@ -1,4 +1,4 @@
-"""`python -m benchmarks [--quick] [--out DIR]`: accuracy, ablation, dependence on grid and size, rest, photographs, timings."""
+"""`python -m benchmarks [--quick] [--out DIR]`: accuracy, ablation, grid and size, rest, photographs, timings."""
 
 from __future__ import annotations
 

@@ -38,6 +38,12 @@ COARSEST, FALL, FINEST, FINEST_PX = 0.3, 0.5, 0.014, 1.0
 """First sigma, ratio of one to the next, last sigma: in half widths of the object, the last not below FINEST_PX samples."""
 
 
+SLOWLY = 0.3
+"""Sigma, in half widths of the object, over which what shading adds to the pull is averaged along the outline."""
+ON = 0.3
+"""How near to the edge that is told, in its own blurs."""
+STRAY = 0.06
+"""How far it may be from that average [blurs]."""
 LIMB = float(np.sqrt(2) * gamma(0.75) / gamma(0.25))
 """Pull of a root of the distance to an edge, at the edge [sigmas]: grad P / P of its slope, convolved with a Gaussian."""
 
@@ -224,7 +230,7 @@ class ScaleSpace:
             return self._potential(sigma, [*(slope * unit / self.step**2), nothing, nothing], p)
         pull = self._pull(s, p, slope)
         thin = self._thin(s)
-        if finest:
+        if finest and sure is not None:
             pull -= (1 - thin) * self._limb(s, weight, p, pull)
         pull *= np.minimum(1.0, RANGE * s / np.maximum(np.linalg.norm(pull, axis=0), 1e-12)) * self.step
         if sure is None:
@@ -255,7 +261,15 @@ class ScaleSpace:
         y = 2 * d / (b + np.sqrt(b**2 + 4 * two * (1 - d) * d) + 1e-12)
         # at the edge alone, where twice the blur halves a step and takes 1 / sqrt(2) of a root; beside it both grow
         at_edge = np.clip((p / (p_wide + 1e-12) - 1) / (two - 1), 0, 1)
-        return change * (at_edge * blur * LIMB * y / (1 + y) / size)
+        # shading changes slowly along the outline, texture and clutter do not
+        rows, cols = np.gradient(self._smooth(self.inside, GATE * self.map.step / self.step))
+        normal = np.stack([cols, rows]) / (np.hypot(cols, rows) + 1e-12)
+        across = (change * normal).sum(axis=0) * (blur * LIMB * y / (1 + y) / size)
+        off = (pull * normal).sum(axis=0) - at_edge * across
+        here = p * at_edge * np.exp(-0.5 * (off / (ON * blur)) ** 2)
+        wide = SLOWLY * self.map.half_width / self.step
+        mean = self._smooth(here * across, wide) / (self._smooth(here, wide) + 1e-12)
+        return normal * at_edge * (mean + np.clip(across - mean, -STRAY * blur, STRAY * blur))
 
     def _thin(self, s: float) -> np.ndarray:
         """1 where the map's object is less deep than `THIN` s nearby, 0 where it is deeper than `THICK` s; s in samples."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import warp as wp
@@ -162,10 +162,10 @@ def reconstruct(
                     # what creeps does so for long, by less and less: go where that leads, unless it is here
                     converged = False
                     if len(trail) == TRAIL:
-                        aim = limit(trail)
-                        converged = scene.moved(aim[0]) < AHEAD
+                        tube, spine = limit(trail)
+                        converged = scene.moved(tube) < AHEAD
                         if not converged:
-                            scene.rewind(aim)
+                            scene.rewind((tube, spine))
                             leaps, moved, trail = leaps + 1, float("inf"), [scene.positions()]
                 if not progress.residual < LOST:
                     scene.rewind(start)
@@ -187,7 +187,7 @@ def reconstruct(
     return Result(objects, pictures, foreground, seconds, settings)
 
 
-def limit(trail: list[tuple[np.ndarray, ...]]) -> tuple[np.ndarray, ...]:
+def limit(trail: Sequence[tuple[np.ndarray, ...]]) -> tuple[np.ndarray, ...]:
     """Where states at equal steps of a linear relaxation lead, by reduced rank extrapolation.
 
     The mean of the states, weighted so that the ways from one to the next cancel as well as they can; a few modes of
