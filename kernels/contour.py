@@ -23,9 +23,18 @@ class Crossing:
 
 @wp.func
 def surface_normal(
-    v: wp.array[wp.vec3], start: int, x: int, n: int, s: int, ns: int, centroid: wp.array[wp.vec3], ring: int, closed: int
+    v: wp.array[wp.vec3],
+    start: int,
+    x: int,
+    n: int,
+    s: int,
+    first: int,
+    last: int,
+    centroid: wp.array[wp.vec3],
+    ring: int,
+    closed: int,
 ):
-    """n(x, s) below (12), outward, by central differences; at a closed end the outward axis of the cap."""
+    """n(x, s) below (12), outward, by differences within rings first to last; at a closed end the cap's outward axis."""
     if closed != 0:
         if s == 0:
             return wp.normalize(v[start] - centroid[ring + 1])
@@ -33,9 +42,9 @@ def surface_normal(
     dx = v[start + elastic.wrap(x + 1, n)] - v[start + elastic.wrap(x - 1, n)]
     lo = start + x
     hi = start + x
-    if s > 0:
+    if s > first:
         lo -= n
-    if s < ns - 1:
+    if s < last:
         hi += n
     return wp.normalize(wp.cross(dx, v[hi] - v[lo]))
 
@@ -48,7 +57,8 @@ def normals(
     ring_node: wp.array[int],
     ring_s: wp.array[int],
     tube_nx: wp.array[int],
-    tube_ns: wp.array[int],
+    ring_first: wp.array[int],
+    ring_last: wp.array[int],
     ring_closed: wp.array[int],
     eyes: wp.array[projection.Eye],
     # state in
@@ -65,7 +75,9 @@ def normals(
     r = node_ring[i]
     k = ring_tube[r]
     start = ring_node[r]
-    m = surface_normal(tube_in, start, i - start, tube_nx[k], ring_s[r], tube_ns[k], centroid_in, r, ring_closed[r])
+    n = tube_nx[k]
+    s = ring_s[r]
+    m = surface_normal(tube_in, start, i - start, n, s, ring_first[r], ring_last[r], centroid_in, r, ring_closed[r])
     normal_out[i] = m
     facing_out[i] = wp.dot(projection.sight(eyes[view], tube_in[i]), m)
 
@@ -123,14 +135,14 @@ def along_ring(v: wp.array[wp.vec3], normal: wp.array[wp.vec3], facing: wp.array
 
 @wp.func
 def along_meridian(
-    v: wp.array[wp.vec3], normal: wp.array[wp.vec3], facing: wp.array[float], at: int, n: int, s: int, ns: int
+    v: wp.array[wp.vec3], normal: wp.array[wp.vec3], facing: wp.array[float], at: int, n: int, s: int, first: int, last: int
 ):
-    """Crossing on the edge of a meridian from s to s + 1."""
+    """Crossing on the edge of a meridian from s to s + 1, by the rings first to last."""
     before = int(-1)
     after = int(-1)
-    if s > 0:
+    if s > first:
         before = at - n
-    if s < ns - 2:
+    if s + 1 < last:
         after = at + 2 * n
     return crossing(v, normal, facing, before, at, at + n, after)
 
@@ -202,6 +214,8 @@ def contour_force(
     ring_s: wp.array[int],
     tube_nx: wp.array[int],
     tube_ns: wp.array[int],
+    ring_first: wp.array[int],
+    ring_last: wp.array[int],
     eyes: wp.array[projection.Eye],
     fields: wp.array2d[image.Field],
     samples: wp.array[wp.vec4],
@@ -222,8 +236,11 @@ def contour_force(
     n = tube_nx[k]
     ns = tube_ns[k]
     s = ring_s[r]
-    if s == ns - 1:
+    # no surface beyond the end, nor across a gap
+    if s == ring_last[r]:
         return
+    first = ring_first[r + 1]
+    last = ring_last[r]
     start = ring_node[r]
     x = i - start
     i10 = start + elastic.wrap(x + 1, n)
@@ -246,9 +263,9 @@ def contour_force(
     if g01 != g11:
         top = along_ring(tube_in, normal_in, facing_in, start + n, x, n)
     if g00 != g01:
-        left = along_meridian(tube_in, normal_in, facing_in, i, n, s, ns)
+        left = along_meridian(tube_in, normal_in, facing_in, i, n, s, first, last)
     if g10 != g11:
-        right = along_meridian(tube_in, normal_in, facing_in, i10, n, s, ns)
+        right = along_meridian(tube_in, normal_in, facing_in, i10, n, s, first, last)
     if g00 != g10 and g01 != g11 and g00 != g01:
         # a saddle: the sign at the cell's middle says which corners are cut off
         middle = facing_in[i] + facing_in[i10] + facing_in[i + n] + facing_in[i10 + n] >= 0.0

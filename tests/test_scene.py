@@ -150,15 +150,14 @@ def test_public_names():
 
 
 def test_settings_have_bounds_that_their_defaults_keep():
-    from symseek.scene import MATERIAL_BOUNDS, SETTINGS_BOUNDS
+    from symseek.scene import SETTINGS_BOUNDS
 
-    for bounds, default in ((SETTINGS_BOUNDS, symseek.Settings()), (MATERIAL_BOUNDS, symseek.Material())):
-        for name, bound in bounds.items():
-            value = getattr(default, name)
-            if isinstance(value, str):
-                assert value in bound
-            elif value is not None:
-                assert bound[0] <= value <= bound[1]
+    for name, bound in SETTINGS_BOUNDS.items():
+        value = getattr(symseek.Settings(), name)
+        if isinstance(value, str):
+            assert value in bound
+        elif value is not None:
+            assert bound[0] <= value <= bound[1]
     assert set(SETTINGS_BOUNDS) == {f.name for f in dataclasses.fields(symseek.Settings)}
 
 
