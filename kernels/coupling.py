@@ -69,7 +69,7 @@ def upright_spine(
 ):
     """What `upright` does to spine node s: the other half of the gradient of d/2 mean ((T - c).t)^2.
 
-    Ring q looks from `first[q]` to `last[q]`, the ends of its piece of the spine.
+    Ring q looks from `first[q]` to `last[q]`, as far as the spine is in one piece.
     """
     f = wp.vec3(0.0)
     for j in range(WINDOW):
@@ -105,8 +105,8 @@ def ring_means(
     ring_s: wp.array[int],
     tube_nx: wp.array[int],
     tube_ns: wp.array[int],
-    spine_first: wp.array[int],
-    spine_last: wp.array[int],
+    look_first: wp.array[int],
+    look_last: wp.array[int],
     ring_far: wp.array2d[float],
     # state in
     tube_in: wp.array[wp.vec3],
@@ -120,7 +120,7 @@ def ring_means(
 ):
     """Sets centroid and mean radius of each ring (below fig. 7), mean distance to the next ring, spine tangent, tilt.
 
-    The tangent looks `WINDOW` segments either way within its piece of the spine, the j-th with importance
+    The tangent looks `WINDOW` segments either way as far as the spine is in one piece, the j-th with importance
     `ring_far[., j]`: far ones count where near ones vanish, as they do under a flat end.
     """
     r = wp.tid()
@@ -153,9 +153,9 @@ def ring_means(
     gap_out[r] = gap / float(n)
     along = wp.vec3(0.0)
     for j in range(WINDOW):
-        if s + j < spine_last[r]:
+        if s + j < look_last[r]:
             along += ring_far[r, j] * (spine_in[r + j + 1] - spine_in[r + j])
-        if s - j > spine_first[r]:
+        if s - j > look_first[r]:
             along += ring_far[r, j] * (spine_in[r - j] - spine_in[r - j - 1])
     t = unit(along)
     tilt = wp.vec3(0.0)
@@ -244,8 +244,8 @@ def spine_force(
     ring_tube: wp.array[int],
     ring_s: wp.array[int],
     tube_ns: wp.array[int],
-    spine_first: wp.array[int],
-    spine_last: wp.array[int],
+    look_first: wp.array[int],
+    look_last: wp.array[int],
     ring_far: wp.array2d[float],
     w1: wp.array[float],
     w2: wp.array[float],
@@ -270,7 +270,7 @@ def spine_force(
     f += tension_in[r]
     if ring_s[r] > 0:
         f -= tension_in[r - 1]
-    f += upright_spine(coupling[r, 5], ring_far, tilt_in, spine_first, spine_last, r, ring_s[r], ns)
+    f += upright_spine(coupling[r, 5], ring_far, tilt_in, look_first, look_last, r, ring_s[r], ns)
     mass = end_mass(ring_s[r], ns)
     f += mass * hold_depth(coupling[r, 7], depth_rest[r], eyes[0], spine_in[r])
     force_out[r] = f + mass * attract(coupling[r, 0], centroid_in[r], spine_in[r])

@@ -23,7 +23,7 @@ def add_forces(model: Model, state: State, contour_kind: str, literal: bool, tau
     wp.launch(
         coupling.ring_means,
         m.rings,
-        inputs=[*ring, m.spine_first, m.spine_last, m.ring_far, s.tube, s.spine],
+        inputs=[*ring, m.look_first, m.look_last, m.ring_far, s.tube, s.spine],
         outputs=[s.centroid, s.radius, s.gap, s.tangent, s.tilt],
         device=m.device,
     )
@@ -65,8 +65,8 @@ def add_forces(model: Model, state: State, contour_kind: str, literal: bool, tau
             m.ring_tube,
             m.ring_s,
             m.tube_ns,
-            m.spine_first,
-            m.spine_last,
+            m.look_first,
+            m.look_last,
             m.ring_far,
             m.w1,
             m.w2,
@@ -101,6 +101,17 @@ def add_forces(model: Model, state: State, contour_kind: str, literal: bool, tau
             outputs=[s.force],
             device=m.device,
         )  # fmt: skip
+        if m.torn:
+            wp.launch(
+                contour.rim_force,
+                m.rings,
+                inputs=[
+                    *ring, m.ring_first, m.ring_last, m.eyes, m.fields, m.samples, s.tube, s.centroid, s.tangent,
+                    view, int(literal),
+                ],
+                outputs=[s.force],
+                device=m.device,
+            )  # fmt: skip
         if contour_kind == "switch":
             wp.launch(
                 contour.switch_force,

@@ -18,6 +18,8 @@ GATHER = 0.3
 
 TURNING = 0.3
 """Share of the rings dealt out by how much the meridians turn; the others by their length."""
+TURNING_OFF = 3
+"""Rings beside a discontinuity whose turning does not count."""
 FINE = 20
 """Points of a meridian between two rings, for dealing them anew."""
 
@@ -125,18 +127,26 @@ def deal(tube: np.ndarray, spine: np.ndarray, cuts: Sequence[Cut] = ()) -> tuple
     surfaces = smooth_pieces(tube, 2 * nx, FINE * (ns - 1) + 1, cuts)
     for surface, (first, last) in zip(surfaces, pieces(ns, cuts), strict=True):
         own = slice(first, last + 1)
-        tube[:, own], spine[own] = _dealt(tube[:, own], spine[own], surface[::2])
+        tube[:, own], spine[own] = _dealt(tube[:, own], spine[own], surface[::2], first > 0, last < ns - 1)
     return tube, spine
 
 
-def _dealt(tube: np.ndarray, spine: np.ndarray, surface: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """One piece dealt out anew on its surface of `FINE` columns a gap, shape (N_x, n, 3)."""
+def _dealt(
+    tube: np.ndarray, spine: np.ndarray, surface: np.ndarray, cut_first: bool = False, cut_last: bool = False
+) -> tuple[np.ndarray, np.ndarray]:
+    """One piece dealt out anew on its surface of `FINE` columns a gap, shape (N_x, n, 3).
+
+    What turns beside a cut is the cut's doing, whose own ring lies in it: it needs no others close by.
+    """
     ns, fine = tube.shape[1], surface.shape[1]
     step = np.diff(surface, axis=1)
     length = np.linalg.norm(step, axis=2)
     along = step / np.maximum(length, 1e-12)[..., None]
     turn = np.linalg.norm(np.diff(along, axis=1), axis=2).mean(axis=0)
     turn = 0.5 * (np.append(turn, 0.0) + np.append(0.0, turn))
+    beside = TURNING_OFF * FINE
+    turn[: beside * cut_first] = 0.0
+    turn[len(turn) - beside * cut_last :] = 0.0
     length = length.mean(axis=0)
     share = (1 - TURNING) * length / length.sum() + TURNING * turn / max(turn.sum(), 1e-6)
     place = np.interp(np.linspace(0, 1, ns), np.append(0.0, np.cumsum(share / share.sum())), np.linspace(0, ns - 1, fine))

@@ -83,7 +83,11 @@ def map_agreement(tube: np.ndarray, camera: Camera, map_: Foreground, cuts: Sequ
     mask = _silhouette(tube, camera, map_, cuts)
     labels = ndimage.label(map_.inside > 0.5)[0]  # pyright: ignore
     shared = np.bincount(labels[mask], minlength=2)
+    whole = np.bincount(labels.ravel(), minlength=len(shared))
+    # one piece of the map, but for a tube in several
     object_ = labels == 1 + shared[1:].argmax()
+    if any(gap for _, gap in cuts):
+        object_ |= np.isin(labels, 1 + np.flatnonzero(shared[1:] > 0.5 * whole[1:]))
     apart = sum(np.sum(a & np.logical_not(ndimage.binary_dilation(b))) for a, b in ((mask, object_), (object_, mask)))
     sure, maybe = map_.inside > SURE, map_.inside > 1 - SURE
     return float(1 - apart / max((mask | object_).sum(), 1)), float(sure.sum() / max(maybe.sum(), 1))

@@ -54,7 +54,9 @@ class Model:
         spine_curvature: 1 where a natural curvature of the spine is given, 0 for its own even bend; and C2, shape (R, 2).
         ring_first, ring_last, spine_first, spine_last: how far each ring of tube or spine may look back and ahead along s
             before a discontinuity, shape (R,).
-        shaped: whether any tube has natural lengths or curvatures.
+        look_first, look_last: how far a ring's tangent looks: across creases of the spine, so that rings go over from one
+            side to the other little by little, but not across gaps, shape (R,).
+        shaped, torn: whether any tube has natural lengths or curvatures, and whether any has a gap.
         ring_far: importance for a ring's tangent of the j-th segment of the spine either way, shape (R, WINDOW).
         k1: tension factor K1 of the spine's edges, shape (R,).
         eyes: cameras in each tube's units, shape (V,) (see `set_cameras`).
@@ -112,9 +114,9 @@ class Model:
         )
         self.spine_stretch = wp.full(self.rings, wp.vec2(-1.0, 0.0), dtype=wp.vec2, device=device)
         self.spine_curvature = wp.zeros(self.rings, dtype=wp.vec2, device=device)
-        self.ring_first, self.spine_first = (ints(np.zeros(self.rings)) for _ in range(2))
-        self.ring_last, self.spine_last = (ints(ns_of - 1) for _ in range(2))
-        self.shaped = False
+        self.ring_first, self.spine_first, self.look_first = (ints(np.zeros(self.rings)) for _ in range(3))
+        self.ring_last, self.spine_last, self.look_last = (ints(ns_of - 1) for _ in range(3))
+        self.shaped, self.torn = False, False
         self.k1 = wp.zeros(self.rings, dtype=float, device=device)
         self.depth_rest = wp.zeros(self.rings, dtype=float, device=device)
         self.eyes = wp.zeros(max(views, 1), dtype=projection.Eye, device=device)  # pyright: ignore

@@ -86,7 +86,7 @@ class Loop:
 
     def _capture(self) -> None:
         scene, s = self.scene, self.scene.settings
-        self.shaped = scene.model.shaped
+        self.forms = scene.model.shaped, scene.model.torn
         with wp.ScopedCapture(device=scene.device, force_module_load=False) as capture:
             add_forces(scene.model, scene.state, s.contour, s.force == "paper", s.tau)
             self.solver.step(scene.state)
@@ -98,7 +98,7 @@ class Loop:
         changed = self.scene.set_material(share)
         if changed:
             self.solver.material_changed(changed)
-        if self.scene.model.shaped != self.shaped:
+        if (self.scene.model.shaped, self.scene.model.torn) != self.forms:
             self._capture()
 
     def run(self) -> None:

@@ -79,7 +79,8 @@ class Weights:
         fresh |= {n: np.zeros(m.rings) for n in ("w1", "w2", "k1")}
         fresh |= {"spine_stretch": np.tile([-1.0, 0.0], (m.rings, 1)), "spine_curvature": np.zeros((m.rings, 2))}
         fresh |= {"bend_basis": np.zeros((m.rings, BEND_DEGREE + 1))}
-        fresh |= {n: np.zeros(m.rings, np.int32) for n in ("ring_first", "ring_last", "spine_first", "spine_last")}
+        looks = ("ring_first", "ring_last", "spine_first", "spine_last", "look_first", "look_last")
+        fresh |= {n: np.zeros(m.rings, np.int32) for n in looks}
         coupling = np.zeros((m.rings, len(COUPLING)))
         for k, (nx, ns) in enumerate(m.grids):
             nodes, rings = m.nodes_of(k), m.rings_of(k)
@@ -108,6 +109,8 @@ class Weights:
                 fresh["spine_curvature"][rings] = np.stack([np.ones(ns), f["C2"]], axis=1)
             fresh["ring_first"][rings], fresh["ring_last"][rings] = bounds(ns, self.cuts[k])
             fresh["spine_first"][rings], fresh["spine_last"][rings] = bounds(ns, self.spine_cuts[k])
+            gaps = [cut for cut in self.spine_cuts[k] if cut[1]]
+            fresh["look_first"][rings], fresh["look_last"][rings] = bounds(ns, gaps)
             fresh["bend_basis"][rings] = bend_basis(ns, self.spine_cuts[k])
             lap = (2 * np.sin(np.pi / nx) * nx) ** 2
             contraction = _mean(f["w10"]) * lap + _mean(f["w20"]) * lap**2 * (f["C20"] is None)
@@ -120,6 +123,7 @@ class Weights:
             now = self._host["coupling"]
             changed |= {name for i, name in enumerate(COUPLING) if not np.array_equal(before[:, i], now[:, i])}
         m.shaped = any(np.any(fresh[n][:, 0] > 0) for n in ("stretch10", "stretch01")) or bool(fresh["curvature"].any())
+        m.torn = any(gap for found in self.cuts for _, gap in found)
         self.stale = False
         return changed
 
