@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warp as wp
 
-from ..kernels import contour, coupling, elastic
+from ..kernels import contour, coupling, elastic, rim
 from .model import Model, State
 
 
@@ -103,7 +103,7 @@ def add_forces(model: Model, state: State, contour_kind: str, literal: bool, tau
         )  # fmt: skip
         if m.torn:
             wp.launch(
-                contour.rim_force,
+                rim.rim_force,
                 m.rings,
                 inputs=[
                     *ring, m.ring_first, m.ring_last, m.eyes, m.fields, m.samples, s.tube, s.centroid, s.tangent,

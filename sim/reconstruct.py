@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import warp as wp
 
-from ..kernels import contour, coupling, elastic, integrate
+from ..kernels import contour, coupling, elastic, integrate, rim
 from .assembly import Assembly
 from .fabric import Fabric
 from .force import add_forces
@@ -87,6 +87,8 @@ class Loop:
     def _capture(self) -> None:
         scene, s = self.scene, self.scene.settings
         self.forms = scene.model.shaped, scene.model.torn
+        if scene.model.torn:
+            wp.load_module(rim, device=scene.device)
         with wp.ScopedCapture(device=scene.device, force_module_load=False) as capture:
             add_forces(scene.model, scene.state, s.contour, s.force == "paper", s.tau)
             self.solver.step(scene.state)

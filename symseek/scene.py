@@ -292,9 +292,10 @@ def _tube(table: Table, view: View, scale: float, default_name: str | None) -> T
     if len(table.take("not_here", [])):
         not_here = table.array("not_here", (None, 2), "a list of image points")
         _inside(table, "not_here", not_here, view.image)
+    height, width = view.image.shape[:2]
     return Tube(
-        name=name, spine=spine, radius=radius, depth=depth, grid=(grid[0], grid[1]),
-        material=material_of(table, (grid[0], grid[1])), breaks=breaks_of(table, grid[1]), not_here=not_here,
+        name=name, spine=spine, radius=radius, depth=depth, grid=(grid[0], grid[1]), not_here=not_here,
+        material=material_of(table, (grid[0], grid[1])), breaks=breaks_of(table, grid[1], (height, width)),
     )  # fmt: skip
 
 

@@ -36,8 +36,8 @@ def material_of(table: Table, grid: tuple[int, int]) -> Material:
     return material
 
 
-def breaks_of(table: Table, ns: int) -> tuple[Break, ...]:
-    """The table's list `break`.
+def breaks_of(table: Table, ns: int, size: tuple[int, int]) -> tuple[Break, ...]:
+    """The table's list `break`, for a grid of `ns` rings and an image of `size` (height, width).
 
     Raises:
         SceneError: an unknown key, a value out of bounds, or breaks too close for the grid.
@@ -50,7 +50,10 @@ def breaks_of(table: Table, ns: int) -> tuple[Break, ...]:
         inner = Table(each, table.source, f"{table.path('break')}[{i}]", [f.name for f in fields(Break)])
         why = "give the share of the object's length, between 0 and 1, or an image point [column, row]"
         if isinstance(inner.take("at", why=why), list | tuple | np.ndarray):
-            at = tuple(map(float, inner.array("at", (2,), "an image point [column, row]")))
+            point = inner.array("at", (2,), "an image point [column, row]")
+            if not np.all((point >= -0.5) & (point <= np.array(size[::-1]) - 0.5)):
+                inner.fail("at", f"{shown(point)} lies outside the image", f"it has {size[1]} x {size[0]} pixels")
+            at = (float(point[0]), float(point[1]))
         else:
             at = inner.number("at", above=0.0, most=1.0)
         order = inner.text("order", "position", choices=("position", "tangent"))
