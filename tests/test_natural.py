@@ -196,6 +196,23 @@ def test_a_tube_takes_its_natural_curvature_around(factor):
     np.testing.assert_allclose(np.linalg.norm(body.tube() - body.spine(), axis=2), 0.1, rtol=0.01)
 
 
+def test_a_slit_tube_springs_open():
+    """Half the curvature of its rings, the same lengths, and weights 0 along a meridian: half a circle of twice the radius.
+
+    The gap is one edge wide around, the whole tube long, and nowhere else.
+    """
+    nx, r = 25, 0.1
+    node, edge = np.ones((nx, 1)), np.ones((nx, 1))
+    node[[0, -1]] = edge[-1] = 0
+    body = _body(w20=1e-3 * node, C20=2 * np.pi**2 * r, k10=0.1 * edge, L10=2 * np.pi * r, b=0.0, d=0.0, reaction=0.0)
+    body.step(3000)
+    for ring in body.tube().transpose(1, 0, 2):
+        sides = np.linalg.norm(np.roll(ring, -1, axis=0) - ring, axis=1) * nx
+        np.testing.assert_allclose(sides[:-1], 2 * np.pi * r, rtol=0.01)
+        np.testing.assert_allclose(_turning(ring)[0] * nx, np.pi, rtol=0.02)  # the angle of 2 pi r on radius 2 r
+        np.testing.assert_allclose(sides[-1] / nx, 4 * r * np.sin(np.pi / 2 * 24 / 25), rtol=0.02)
+
+
 def test_meridians_take_their_natural_curvature():
     """C02 bulges a tube into a barrel: each meridian turns by C02 over a length of 1."""
     body = _body(w02=1e-3, C02=0.8, w20=1e-9, k01=1.0, L01=1.0, b=1.0, w2=0.0, d=0.0)

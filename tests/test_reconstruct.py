@@ -86,7 +86,7 @@ def test_callback_sees_each_iteration_and_stops(sample):
 
 def test_weights_change_while_a_run_goes_on(pear, sample):
     """From the callback: what is no weight is refused, what is one leads where it would have led from the start."""
-    stiff = {"w20": 3e-3, "w02": list(np.linspace(1e-6, 3e-6, 25))}
+    stiff = {"w20": 3e-3, "w02": list(np.linspace(5e-5, 2e-4, 25))}
     fresh = reconstruct([View(sample.image)], [Tube(sample.clicks, material=Material(**stiff))]).objects[0]
 
     def callback(progress):
@@ -98,7 +98,7 @@ def test_weights_change_while_a_run_goes_on(pear, sample):
 
     live = _solve(sample.image, sample.clicks, callback=callback)
     assert _apart((live.vertices, live.faces), (fresh.vertices, fresh.faces), sample) < 0.05
-    assert _apart((pear.vertices, pear.faces), (fresh.vertices, fresh.faces), sample) > 0.1
+    assert _apart((pear.vertices, pear.faces), (fresh.vertices, fresh.faces), sample) > 0.3
 
 
 TURNS = {
