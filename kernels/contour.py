@@ -7,6 +7,9 @@ from . import elastic, image, projection
 AT_NODES = wp.constant(25.0)
 """Gain of a force density at nodes over that of a line load: makes (12) as strong as `sim.assembly.LINE_LOAD` at 25 x 25."""
 
+CORNER = wp.constant(3.0)
+"""How far from the corners of a cut the smoothed image tells its sides, in smoothing scales."""
+
 
 @wp.struct
 class Crossing:
@@ -127,6 +130,14 @@ def crossing(
 
 
 @wp.func
+def blind(eye: projection.Eye, a: wp.vec3, b: wp.vec3, sigma: float):
+    """Whether the last stretch before a gap, from a to b, is too short for its sides to be told from the cut's corners."""
+    if wp.length(projection.project(eye, a) - projection.project(eye, b)) < CORNER * sigma:
+        return 1
+    return 0
+
+
+@wp.func
 def along_ring(v: wp.array[wp.vec3], normal: wp.array[wp.vec3], facing: wp.array[float], start: int, x: int, n: int):
     """Crossing on the edge of a ring from x to x + 1."""
     before, after = start + elastic.wrap(x - 1, n), start + elastic.wrap(x + 2, n)
@@ -239,9 +250,12 @@ def contour_force(
     # no surface beyond the end, nor across a gap
     if s == ring_last[r]:
         return
+    start = ring_node[r]
+    if (s + 1 == ring_last[r + 1] and s + 1 < ns - 1) or (s == ring_first[r] and s > 0):
+        if blind(eyes[view], tube_in[start], tube_in[start + n], fields[k, view].sigma) != 0:
+            return
     first = ring_first[r + 1]
     last = ring_last[r]
-    start = ring_node[r]
     x = i - start
     i10 = start + elastic.wrap(x + 1, n)
     g00 = facing_in[i] >= 0.0

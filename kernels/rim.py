@@ -2,7 +2,10 @@
 
 import warp as wp
 
-from . import image, projection
+from . import contour, image, projection
+
+CYLINDER = wp.constant(0.1)
+"""How firmly a rim that sees no sides keeps to the radius of the ring before."""
 
 
 @wp.kernel(enable_backward=False)
@@ -21,7 +24,7 @@ def rim_force(
     # state in
     tube_in: wp.array[wp.vec3],
     centroid_in: wp.array[wp.vec3],
-    tangent_in: wp.array[wp.vec3],
+    radius_in: wp.array[float],
     # scalars
     view: int,
     literal: int,
@@ -33,29 +36,30 @@ def rim_force(
     The face is taken as a straight piece of contour as long as the rim looks wide, but no longer than the two sides that
     the ring stands for, so that a rim is held no more stiffly than other rings are. A push outward fades as the rims of
     both sides meet, for what lies beyond is the other side's.
+
+    Smoothing rounds the corners of a cut. Until it is finer than the last stretch, `contour.blind`, the sides there say
+    nothing: the rim then moves as one, and its radius is drawn to that of the ring before, which is no gradient.
     """
     r = wp.tid()
     k = ring_tube[r]
     s = ring_s[r]
-    side = float(0.0)
-    inner = int(0)
+    inner = int(-1)
     other = int(0)
     if ring_last[r] == s and s < tube_ns[k] - 1:
-        side = 1.0
         inner = r - 1
         other = r + 1
     if ring_first[r] == s and s > 0:
-        side = -1.0
         inner = r + 1
         other = r - 1
-    if side == 0.0:
+    if inner < 0:
         return
     n = tube_nx[k]
     start = ring_node[r]
     eye = eyes[view]
     field = fields[k, view]
     middle = projection.project(eye, centroid_in[r])
-    ahead = projection.project(eye, centroid_in[r] + 1.0e-3 * side * tangent_in[r]) - middle
+    # the body's way, not that of the rim itself, which must not lead itself aside
+    ahead = projection.project(eye, centroid_in[inner]) - projection.project(eye, centroid_in[2 * inner - r])
     if wp.length(ahead) < 1.0e-9:
         return
     outward = wp.normalize(ahead)
@@ -70,7 +74,8 @@ def rim_force(
     length = wp.min(high - low, 2.0 * spacing)
     room = wp.dot(projection.project(eye, centroid_in[other]) - middle, outward)
     free = wp.clamp(room / wp.max(spacing, 1.0e-6), 0.0, 1.0)
-    f = wp.vec3(0.0)
+    blind = contour.blind(eye, tube_in[start], tube_in[ring_node[inner]], field.sigma)
+    whole = wp.vec3(0.0)
     for x in range(n):
         v = tube_in[start + x]
         p = projection.project(eye, v)
@@ -78,13 +83,20 @@ def rim_force(
         j0 = projection.jacobian_row(eye.row0, eye.row2, p[0], d)
         j1 = projection.jacobian_row(eye.row1, eye.row2, p[1], d)
         value = image.sample(samples, field, p)
-        weight = field.gain * length * image.pixel_size(j0, j1) / float(n)
+        weight = field.gain * length * image.pixel_size(j0, j1) * float(tube_ns[k] - 1)
+        f = wp.vec3(0.0)
         if literal != 0:
-            f += weight * image.chain(j0, j1, wp.dot(wp.vec2(value[0], value[1]), outward) * outward)
+            f = weight * image.chain(j0, j1, wp.dot(wp.vec2(value[0], value[1]), outward) * outward)
         else:
             pull_out = wp.dot(image.normal_pull(value, outward), outward)
             if pull_out > 0.0:
                 pull_out *= free
-            f += weight * image.lift(j0, j1, pull_out * outward)
-    for x in range(n):
-        wp.atomic_add(force_out, start + x, float(tube_ns[k] - 1) * f)
+            f = weight * image.lift(j0, j1, pull_out * outward)
+        if blind == 0:
+            wp.atomic_add(force_out, start + x, f)
+        whole += f / float(n)
+    if blind != 0:
+        for x in range(n):
+            out = tube_in[start + x] - centroid_in[r]
+            f = CYLINDER * (radius_in[inner] - radius_in[r]) * out / wp.max(wp.length(out), 1.0e-9)
+            wp.atomic_add(force_out, start + x, whole + f)

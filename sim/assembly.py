@@ -145,7 +145,7 @@ class Assembly(Fabric):
             samples[start : start + h * w] = p.samples.reshape(-1, 4)
             f = image_kernels.Field()
             f.start, f.width, f.height = start, w, h
-            f.x0, f.y0, f.step = *p.origin, p.step
+            f.x0, f.y0, f.step, f.sigma = *p.origin, p.step, p.sigma
             # contour length counts in lengths of the tube's own spine
             f.gain = self.settings.gain * LINE_LOAD * self.unit / self.lengths[k]
             if self.settings.force == "paper":

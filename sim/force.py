@@ -106,7 +106,7 @@ def add_forces(model: Model, state: State, contour_kind: str, literal: bool, tau
                 rim.rim_force,
                 m.rings,
                 inputs=[
-                    *ring, m.ring_first, m.ring_last, m.eyes, m.fields, m.samples, s.tube, s.centroid, s.tangent,
+                    *ring, m.ring_first, m.ring_last, m.eyes, m.fields, m.samples, s.tube, s.centroid, s.radius,
                     view, int(literal),
                 ],
                 outputs=[s.force],

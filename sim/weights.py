@@ -89,8 +89,12 @@ class Weights:
             self.spine_cuts[k] = cuts(f["w1"] + (0 if f["L1"] is None else f["k1"]), f["w2"])
             for at, gap in self.spine_cuts[k]:
                 f["k1"][at] *= not gap
+            share = np.full((ns, 1), self.share)
+            for at, gap in self.cuts[k]:
+                if gap:  # what carries a rim on straight
+                    share[[at - 1, at + 2]] = 1.0
             for name in ("w10", "w20", "w11", "w01", "w02"):
-                fresh[name][nodes] = (f[name] * (self.share if name == "w02" else 1.0)).reshape(-1)
+                fresh[name][nodes] = (f[name] * (share if name == "w02" else 1.0)).reshape(-1)
             for name in ("w1", "w2", "k1"):
                 fresh[name][rings] = f[name] * (self.share if name == "w2" else 1.0)
             own, line = tube[nodes].reshape(ns, nx, 3), spine[rings]
