@@ -4,6 +4,8 @@ import warp as wp
 
 from . import contour, image, projection
 
+BLIND = wp.constant(0.2)
+"""Share of its pull that a rim which sees no sides feels: smoothed, the faces of a narrow gap have no place yet."""
 CYLINDER = wp.constant(0.1)
 """How firmly a rim that sees no sides keeps to the radius of the ring before."""
 
@@ -38,7 +40,7 @@ def rim_force(
     both sides meet, for what lies beyond is the other side's.
 
     Smoothing rounds the corners of a cut. Until it is finer than the last stretch, `contour.blind`, the sides there say
-    nothing: the rim then moves as one, and its radius is drawn to that of the ring before, which is no gradient.
+    nothing: the rim then moves as one and little, and its radius is drawn to that of the ring before, which is no gradient.
     """
     r = wp.tid()
     k = ring_tube[r]
@@ -99,4 +101,4 @@ def rim_force(
         for x in range(n):
             out = tube_in[start + x] - centroid_in[r]
             f = CYLINDER * (radius_in[inner] - radius_in[r]) * out / wp.max(wp.length(out), 1.0e-9)
-            wp.atomic_add(force_out, start + x, whole + f)
+            wp.atomic_add(force_out, start + x, BLIND * whole + f)
