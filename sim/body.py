@@ -23,6 +23,8 @@ class Body:
         body.material(w2=1e-3, C2=1.2)
         body.rest()
 
+    With nothing to hold it, a body keeps its place only at `reaction` = 1: with less, spine and tube do not pull alike.
+
     Args:
         tubes: axes in world points, shape (n, 3), with radius, grid, material and breaks; circles at first.
         settings: scheme, step, slow and momentum; the rest is of images.
@@ -59,6 +61,14 @@ class Body:
             ValueError: no such weight, or a value that does not fit.
         """
         self._fabric.weights.change(k, weights)
+
+    def shape(self, k: int = 0) -> dict[str, np.ndarray]:
+        """Natural lengths and curvatures that tube k has now: `material(k01=0.1, **shape())` makes it stay as it is.
+
+        Returns:
+            L1 (N_s - 1,), C2 (N_s,), L10, C20, C02 (N_x, N_s), L01, C11 (N_x, N_s - 1), in initial spine lengths.
+        """
+        return self._fabric.shape(k)
 
     def place(self, tube: np.ndarray, spine: np.ndarray, k: int = 0) -> None:
         """Puts tube k, shape (N_x, N_s, 3), and its spine (N_s, 3), somewhere else, at rest."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .model import Model, State
+from .natural import shape_now
 from .problem import Settings, Tube
 from .weights import Weights
 
@@ -39,6 +40,11 @@ class Fabric:
         spines[self.model.rings_of(k)] = (spine - self.origin) / self.unit
         self.state.tube.assign(tubes)
         self.state.spine.assign(spines)
+
+    def shape(self, k: int) -> dict[str, np.ndarray]:
+        """Natural lengths and curvatures that object k has now, see `natural.shape_now`."""
+        tube, spine = ((v - self.origin) / self.unit for v in self.world(k))
+        return shape_now(tube, spine, self.weights.cuts[k], self.weights.spine_cuts[k])
 
     def set_material(self, share: float | None = None) -> set[str]:
         """Writes the weights as they are at `time`; `share` of the rigidities that falls with sigma (continuation).

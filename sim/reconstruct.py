@@ -60,6 +60,14 @@ class Progress:
         """
         self._scene.weights.change(k, weights)
 
+    def shape(self, k: int = 0) -> dict[str, np.ndarray]:
+        """Natural lengths and curvatures that tube k has now: `material(k01=0.1, **shape())` makes it stay as it is.
+
+        Returns:
+            L1 (N_s - 1,), C2 (N_s,), L10, C20, C02 (N_x, N_s), L01, C11 (N_x, N_s - 1), in initial spine lengths.
+        """
+        return self._scene.shape(k)
+
     def tube(self, k: int = 0) -> np.ndarray:
         """Nodes of tube k now, shape (N_x, N_s, 3), world units."""
         return self._scene.world(k)[0]

@@ -14,6 +14,8 @@ from .model import BEND_DEGREE, Model, bend_basis
 
 COUPLING = ("a", "reaction", "b", "c", "balance", "d", "centre", "depth")
 """Columns of `Model.coupling`, by name."""
+FLAT = 0.05
+"""Least |dv| for the tension of natural curvatures; rings near a pole are smaller."""
 
 
 class Weights:
@@ -74,7 +76,7 @@ class Weights:
             Names of the model's arrays, and of the columns of `coupling`, that are not as they were.
         """
         m = self.model
-        fresh = {n: np.zeros(m.nodes) for n in ("w10", "w20", "w11", "w01", "w02")}
+        fresh = {n: np.zeros(m.nodes) for n in ("w10", "w20", "w11", "w01", "w02", "turn10", "turn01")}
         fresh |= {n: np.zeros((m.nodes, 3)) for n in ("stretch10", "stretch01", "curvature")}
         fresh |= {n: np.zeros(m.rings) for n in ("w1", "w2", "k1")}
         fresh |= {"spine_stretch": np.tile([-1.0, 0.0], (m.rings, 1)), "spine_curvature": np.zeros((m.rings, 2))}
@@ -106,6 +108,9 @@ class Weights:
             for column, name in enumerate(("C20", "C11", "C02")):
                 if f[name] is not None:
                     fresh["curvature"][nodes, column] = f[name].reshape(-1)
+            turning = _turning(own, f)
+            fresh["turn10"][nodes] = (turning / np.maximum(around, FLAT) ** 2).reshape(-1)
+            fresh["turn01"][nodes] = (turning / np.maximum(along, FLAT) ** 2).reshape(-1)
             if f["L1"] is not None:
                 now = (ns - 1) * np.linalg.norm(np.diff(line, axis=0, append=line[-1:]), axis=1)
                 fresh["spine_stretch"][rings] = _stretch(f["k1"], f["L1"], now)[:, 1:]
@@ -176,6 +181,22 @@ def check(name: str, value: Any, grid: tuple[int, int]) -> None:
 def _stretch(factor: np.ndarray, length: np.ndarray, now: np.ndarray) -> np.ndarray:
     """K, L and most of |dv| - L for each edge, shape (n, 3)."""
     return np.stack([factor, length, np.maximum(length, now)], axis=-1).reshape(-1, 3)
+
+
+def _turning(v: np.ndarray, f: Mapping[str, Any]) -> np.ndarray:
+    """w C |q| of natural curvatures C at each node, q the second derivative or C itself if that is larger, (ns, nx).
+
+    As the normal turns by u' / |v'| this adds w C |q| (u' / |v'|)^2 to the energy: a tension.
+    """
+    ns, nx = v.shape[:2]
+    around = nx**2 * np.linalg.norm(np.roll(v, -1, axis=1) - 2 * v + np.roll(v, 1, axis=1), axis=2)
+    along = np.zeros((ns, nx))
+    along[1:-1] = (ns - 1) ** 2 * np.linalg.norm(np.diff(v, 2, axis=0), axis=2)
+    out = np.zeros((ns, nx))
+    for weight, natural, now in (("w20", "C20", around), ("w02", "C02", along)):
+        if f[natural] is not None:
+            out += f[weight] * np.abs(f[natural]) * np.maximum(np.abs(f[natural]), now)
+    return out
 
 
 def _mean(values: np.ndarray) -> np.ndarray:

@@ -186,14 +186,39 @@ def test_lengths_may_differ_over_the_sheet():
     np.testing.assert_allclose(meridian, np.tile((0.5 + s)[:-1], (25, 1)), rtol=0.01)
 
 
-@pytest.mark.parametrize("factor", [0.6, 1.6])
-def test_a_tube_takes_its_natural_curvature_around(factor):
-    """C20 = (2 pi)^2 r for a ring of radius r, in its discrete form 2 n^2 (1 - cos(2 pi / n)) r."""
+@pytest.mark.parametrize(("radius", "w20", "factor"), [(0.1, 1e-4, 0.6), (0.1, 1e-4, 1.6), (0.3, 1e-3, 0.3)])
+def test_a_tube_takes_its_natural_curvature_around(radius, w20, factor):
+    """C20 = (2 pi)^2 r for a ring of radius r, in its discrete form 2 n^2 (1 - cos(2 pi / n)) r; rings stay smooth along."""
     n = 25
-    body = _body(C20=2 * n**2 * (1 - np.cos(2 * np.pi / n)) * 0.1)
-    body.place((body.tube() - body.spine()) * factor + body.spine(), body.spine())
+    body = _body(C20=2 * n**2 * (1 - np.cos(2 * np.pi / n)) * radius, w20=w20)
+    body.place((body.tube() - body.spine()) * 10 * radius * factor + body.spine(), body.spine())
     assert body.rest()
-    np.testing.assert_allclose(np.linalg.norm(body.tube() - body.spine(), axis=2), 0.1, rtol=0.01)
+    np.testing.assert_allclose(np.linalg.norm(body.tube() - body.spine(), axis=2), radius, rtol=0.01)
+
+
+def test_a_tube_stays_in_the_shape_that_is_made_its_natural_one():
+    """A bent, tapered tube: its lengths and curvatures as they are; without them it shrinks."""
+    s = np.linspace(0, 1, 25)
+    spine = np.stack([1 - np.cos(s), np.sin(s), 0 * s], -1)
+    side, up = np.stack([np.cos(s), -np.sin(s), 0 * s], -1), np.array([0, 0, 1.0])
+    angle = 2 * np.pi * np.arange(25)[:, None] / 25
+    tube = spine + (0.1 + 0.05 * s)[:, None] * (np.cos(angle)[..., None] * side - np.sin(angle)[..., None] * up)
+    free = {"reaction": 1.0, "k10": 0.05, "k01": 0.05, "k1": 0.05, "b": 0.1, "w2": 1e-4, "w20": 1e-4, "w02": 1e-5, "w11": 1e-7}
+    moved = {}
+    for kept in (True, False):
+        body = _body(**free)
+        body.place(tube, spine)
+        if kept:
+            shape: Any = body.shape()
+            np.testing.assert_allclose(shape["C2"][1:-1], 1.0, rtol=1e-3)  # it turns by 1 rad
+            np.testing.assert_allclose(shape["L10"], np.tile(2 * np.pi * (0.1 + 0.05 * s), (25, 1)), rtol=0.01)
+            np.testing.assert_allclose(shape["C20"], np.tile((2 * np.pi) ** 2 * (0.1 + 0.05 * s), (25, 1)), rtol=0.02)
+            body.material(**shape)
+        else:
+            body.material(L10=0.5, L01=0.9)
+        body.step(500)
+        moved[kept] = np.linalg.norm(body.tube() - tube, axis=2).max()
+    assert moved[True] < 0.01 < 0.03 < moved[False]
 
 
 def test_a_slit_tube_springs_open():
