@@ -49,7 +49,8 @@ class Model:
         depth_rest: depth along the line of sight that `depth` holds, shape (R,).
         bend_basis: orthonormal polynomials in s on the interior of each piece of a spine, shape (R, BEND_DEGREE + 1).
         stretch10, stretch01: natural lengths of edges around and along: K, L, most of |dv| - L, shape (N, 3).
-        turn10, turn01: tension that natural curvatures make as the sheet's normal turns, for matrices alone, shape (N,).
+        bound10, bound01, bound1: tension that natural shapes of tube and spine can come to, for matrices alone,
+            shape (N,), (N,), (R,).
         curvature: natural C20, C11, C02 on the outward normal, shape (N, 3); C11 belongs to a cell as w11 does.
         spine_stretch: natural length L1 of the spine's edges, below 0 for none, and most of |dv| - L1, shape (R, 2).
         spine_curvature: 1 where a natural curvature of the spine is given, 0 for its own even bend; and C2, shape (R, 2).
@@ -113,7 +114,8 @@ class Model:
         self.stretch10, self.stretch01, self.curvature = (
             wp.zeros(self.nodes, dtype=wp.vec3, device=device) for _ in range(3)
         )
-        self.turn10, self.turn01 = (wp.zeros(self.nodes, dtype=float, device=device) for _ in range(2))
+        self.bound10, self.bound01 = (wp.zeros(self.nodes, dtype=float, device=device) for _ in range(2))
+        self.bound1 = wp.zeros(self.rings, dtype=float, device=device)
         self.spine_stretch = wp.full(self.rings, wp.vec2(-1.0, 0.0), dtype=wp.vec2, device=device)
         self.spine_curvature = wp.zeros(self.rings, dtype=wp.vec2, device=device)
         self.ring_first, self.spine_first, self.look_first = (ints(np.zeros(self.rings)) for _ in range(3))
@@ -136,17 +138,14 @@ class Model:
     def stiffness(self, share: float) -> dict[str, np.ndarray]:
         """Weights as matrices take them, none below 0: w10, w20, w01, w02, shape (N,), w1 and w2, shape (R,), float64.
 
-        Natural lengths join their tension by `share` of the steepest it can become, K (L + 2 most): half of that bears any
-        step, the whole bounds what an explicit step meets. Under compression the tension itself is negative; that part is
-        explicit. Natural curvatures join as the tension they make, and half as much again where the whole is asked for.
+        The spine's tension holds that of its least lengths, and all tensions `share` of what natural shapes can make of
+        them: half of that bears any step, the whole bounds what an explicit step meets. What compression makes negative
+        stays outside.
         """
         host = {name: getattr(self, name).numpy().astype(float) for name in ("w10", "w20", "w01", "w02", "w1", "w2")}
-        k1, spine = self.k1.numpy().astype(float), self.spine_stretch.numpy().astype(float)
-        for name in ("10", "01") if self.shaped else ():
-            k, natural, most = getattr(self, "stretch" + name).numpy().astype(float).T
-            host["w" + name] += share * k * (natural + 2 * most)
-            host["w" + name] += (0.5 + share) * getattr(self, "turn" + name).numpy()
-        host["w1"] = host["w1"] + k1 + np.where(spine[:, 0] < 0, 0.0, share * k1 * (spine[:, 0] + 2 * spine[:, 1]))
+        host["w1"] += self.k1.numpy()
+        for edge in ("10", "01", "1"):
+            host["w" + edge] += share * getattr(self, "bound" + edge).numpy()
         return host
 
     def set_cameras(self, cameras: list[Camera]) -> None:

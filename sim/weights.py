@@ -76,9 +76,9 @@ class Weights:
             Names of the model's arrays, and of the columns of `coupling`, that are not as they were.
         """
         m = self.model
-        fresh = {n: np.zeros(m.nodes) for n in ("w10", "w20", "w11", "w01", "w02", "turn10", "turn01")}
+        fresh = {n: np.zeros(m.nodes) for n in ("w10", "w20", "w11", "w01", "w02", "bound10", "bound01")}
         fresh |= {n: np.zeros((m.nodes, 3)) for n in ("stretch10", "stretch01", "curvature")}
-        fresh |= {n: np.zeros(m.rings) for n in ("w1", "w2", "k1")}
+        fresh |= {n: np.zeros(m.rings) for n in ("w1", "w2", "k1", "bound1")}
         fresh |= {"spine_stretch": np.tile([-1.0, 0.0], (m.rings, 1)), "spine_curvature": np.zeros((m.rings, 2))}
         fresh |= {"bend_basis": np.zeros((m.rings, BEND_DEGREE + 1))}
         looks = ("ring_first", "ring_last", "spine_first", "spine_last", "look_first", "look_last")
@@ -102,18 +102,21 @@ class Weights:
             own, line = tube[nodes].reshape(ns, nx, 3), spine[rings]
             around = nx * np.linalg.norm(np.roll(own, -1, axis=1) - own, axis=2)
             along = (ns - 1) * np.linalg.norm(np.diff(own, axis=0, append=own[-1:]), axis=2)
-            for name, factor, length, now in (("stretch10", "k10", "L10", around), ("stretch01", "k01", "L01", along)):
-                if f[length] is not None:
-                    fresh[name][nodes] = _stretch(f[factor], f[length], now)
+            turning = _turning(own, f)
+            for edge, now in (("10", around), ("01", along)):
+                bound = 2 * turning / np.maximum(now, FLAT) ** 2
+                if f["L" + edge] is not None:
+                    stretch, steepest = _stretch(f["k" + edge], f["L" + edge], now)
+                    fresh["stretch" + edge][nodes] = stretch.reshape(-1, 3)
+                    bound += steepest
+                fresh["bound" + edge][nodes] = _rounded_up(bound).reshape(-1)
             for column, name in enumerate(("C20", "C11", "C02")):
                 if f[name] is not None:
                     fresh["curvature"][nodes, column] = f[name].reshape(-1)
-            turning = _turning(own, f)
-            fresh["turn10"][nodes] = (turning / np.maximum(around, FLAT) ** 2).reshape(-1)
-            fresh["turn01"][nodes] = (turning / np.maximum(along, FLAT) ** 2).reshape(-1)
             if f["L1"] is not None:
                 now = (ns - 1) * np.linalg.norm(np.diff(line, axis=0, append=line[-1:]), axis=1)
-                fresh["spine_stretch"][rings] = _stretch(f["k1"], f["L1"], now)[:, 1:]
+                stretch, steepest = _stretch(f["k1"], f["L1"], now)
+                fresh["spine_stretch"][rings], fresh["bound1"][rings] = stretch[:, 1:], _rounded_up(steepest)
             if f["C2"] is not None:
                 fresh["spine_curvature"][rings] = np.stack([np.ones(ns), f["C2"]], axis=1)
             fresh["ring_first"][rings], fresh["ring_last"][rings] = bounds(ns, self.cuts[k])
@@ -178,9 +181,15 @@ def check(name: str, value: Any, grid: tuple[int, int]) -> None:
         raise ValueError(f"material.{name}: {text} does not fit; it must be {wanted}") from None
 
 
-def _stretch(factor: np.ndarray, length: np.ndarray, now: np.ndarray) -> np.ndarray:
-    """K, L and most of |dv| - L for each edge, shape (n, 3)."""
-    return np.stack([factor, length, np.maximum(length, now)], axis=-1).reshape(-1, 3)
+def _stretch(factor: np.ndarray, length: np.ndarray, now: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """K, L and most of |dv| - L for each edge, shape (..., 3), and the steepest that K (|dv| - L) |dv| can become."""
+    most = np.maximum(length, now)
+    return np.stack([factor, length, most], axis=-1), factor * (length + 2 * most)
+
+
+def _rounded_up(bound: np.ndarray) -> np.ndarray:
+    """To the next of eight steps an octave: matrices need no more, and so are not made anew for every little growth."""
+    return np.where(bound > 0, 2 ** (np.ceil(8 * np.log2(np.maximum(bound, 1e-30))) / 8), 0.0)
 
 
 def _turning(v: np.ndarray, f: Mapping[str, Any]) -> np.ndarray:

@@ -10,9 +10,9 @@ import warp as wp
 from ...kernels import integrate
 from ..model import DEPTH, REACTION, SYMMETRY, UPRIGHT, Model, State
 
-AROUND = frozenset({"w10", "w20", "stretch10", "turn10"})
-ALONG = frozenset({"w01", "w02", "stretch01", "turn01"})
-SPINE = frozenset({"w1", "w2", "k1", "spine_stretch"})
+AROUND = frozenset({"w10", "w20", "bound10"})
+ALONG = frozenset({"w01", "w02", "bound01"})
+SPINE = frozenset({"w1", "w2", "k1", "bound1"})
 """Arrays of the model that make the stiffness of rings, of meridians and of the spine."""
 
 
