@@ -9,12 +9,13 @@ from pathlib import Path
 
 from symseek.device import start_quietly
 
-from . import ablation, accuracy, invariance, lines, photographs, speed
+from . import ablation, accuracy, breaks, invariance, lines, photographs, speed
 
 TABLES = {
     "accuracy": accuracy.main,
     "ablation": ablation.main,
     "invariance": invariance.main,
+    "breaks": breaks.main,
     "photographs": photographs.main,
     "speed": speed.main,
     "lines": lines.main,

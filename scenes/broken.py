@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from .synthetic import render, table_top, turn_z, volume
 SIZE = (480, 640)
 LIGHT = np.array([-0.5, -0.62, -1.0])
 
+SNAPPABLE = ("carrot", "bent", "bottle", "banana", "pear", "worm", "squash", "peanut")
 CARROT_SEED, CARROT_LENGTH, SNAPPED_AT = 21, 480.0, 0.45
 TOP_LENGTH, EDGE_AT = 480.0, 0.62
 
@@ -65,6 +67,60 @@ def snapped_carrot() -> Mesh:
     ):
         parts.append((CARROT_LENGTH * (vertices - cut) @ turn_z(angle).T + place, faces))
     return joined(*parts)
+
+
+@dataclass(frozen=True)
+class Snapped:
+    """An image of a solid in two parts, and what a user would say of it."""
+
+    image: np.ndarray
+    """float32 in [0, 1], shape (size, size)."""
+    coverage: np.ndarray
+    """share of each pixel that the parts cover, float32, shape (size, size)."""
+    clicks: np.ndarray
+    """six rough points (column, row), three along each part, shape (6, 2)."""
+    place: np.ndarray
+    """where it snapped, roughly (column, row)."""
+    gap: float
+    """between the parts [px]."""
+    kind: str
+
+
+def snapped(seed: int, size: int = 512) -> Snapped:
+    """A random solid snapped across its middle part: a gap up to 16 px at size 512, a step aside, a knee up to 25 degrees."""
+    rng = np.random.default_rng([seed, 77])
+    kind = SNAPPABLE[seed % len(SNAPPABLE)]
+    solid, at, length = shapes.sweep(kind, rng), rng.uniform(0.3, 0.7), rng.uniform(260, 360) * size / 512
+    u = np.linspace(0, 1, len(solid.axis))
+    radius = np.interp(at, solid.station, solid.radius) * length
+    gap, aside = rng.uniform(0, 16) * size / 512, rng.uniform(-0.5, 0.5) * radius
+    knee, heading = np.radians(rng.uniform(-25, 25)), rng.uniform(0, 2 * np.pi)
+    cut = np.append([np.interp(at, u, c) for c in solid.axis.T], 0)
+    along = np.append([np.interp(at, u, c) for c in np.gradient(solid.axis, u, axis=0).T], 0)
+    along /= np.linalg.norm(along)
+    across = np.array([-along[1], along[0], 0])
+
+    def placed(points: np.ndarray, side: int) -> np.ndarray:
+        turned = length * (points - cut) @ turn_z(side * knee / 2).T
+        apart = gap / 2 + abs(np.tan(knee / 2)) * radius  # the inner corners of the faces do not meet
+        return (turned + side * (apart * along + aside / 2 * across)) @ turn_z(heading).T
+
+    (first, faces), (second, other) = halves(solid, at)
+    vertices, faces = joined((placed(first, -1), faces), (placed(second, 1), other))
+    middle = np.append(size / 2 - (vertices[:, :2].max(0) + vertices[:, :2].min(0)) / 2, 0)
+    off, around = np.radians(rng.uniform(10, 45)), rng.uniform(0, 2 * np.pi)
+    light = np.array([np.sin(off) * np.cos(around), np.sin(off) * np.sin(around), -np.cos(off)])
+    shade, cover = render(vertices + middle, faces, (size, size), light)
+    image = 0.06 * (1 - cover) + 0.85 * shade * cover + 0.01 * rng.standard_normal((size, size))
+
+    def seen(side: int, *stations: float) -> np.ndarray:
+        axis = np.column_stack([*(np.interp(stations, u, c) for c in solid.axis.T), np.zeros(len(stations))])
+        return (placed(axis, side) + middle)[:, :2]
+
+    clicks = np.concatenate([seen(-1, 0.12, at * 0.55, at * 0.93), seen(1, 1 - (1 - at) * 0.93, 1 - (1 - at) * 0.55, 0.88)])
+    clicks += 3 * size / 512 * rng.standard_normal(clicks.shape)
+    place = (seen(-1, at)[0] + seen(1, at)[0]) / 2 + 2 * size / 512 * rng.standard_normal(2)
+    return Snapped(np.clip(image, 0, 1).astype(np.float32), cover, clicks, place, gap, kind)
 
 
 def spinning_top() -> Mesh:

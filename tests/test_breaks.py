@@ -7,6 +7,7 @@ import pytest
 import trimesh
 
 import symseek
+from benchmarks import breaks
 from symseek import cli
 from symseek.kernels import coupling
 from symseek.scenes import broken, raster
@@ -215,6 +216,14 @@ def test_the_snapped_carrot_is_found_in_two_parts(shipped):
     assert len(trimesh.Trimesh(carrot.vertices, carrot.faces, process=False).split()) == 2
     whole, other, _ = shipped["crack", False]
     assert other < 0.97 and not whole.trusted
+
+
+@pytest.mark.parametrize("seed", [6001, 6002])
+def test_solids_snapped_at_random_are_found_in_two_parts(seed):
+    sample = broken.snapped(seed)
+    with_break, trusted, _ = breaks.attempt(sample, True)
+    without, still_trusted, _ = breaks.attempt(sample, False)
+    assert with_break > 0.975 and trusted and without < with_break - 0.01 and not still_trusted
 
 
 def test_the_top_keeps_its_edge(shipped):
