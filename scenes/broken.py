@@ -87,7 +87,7 @@ class Snapped:
 
 
 def snapped(seed: int, size: int = 512) -> Snapped:
-    """A random solid snapped across its middle part: a gap up to 16 px at size 512, a step aside, a knee up to 25 degrees."""
+    """A random solid snapped across its middle part: a gap up to 16 px of 512, a step aside, a knee up to 25 degrees."""
     rng = np.random.default_rng([seed, 77])
     kind = SNAPPABLE[seed % len(SNAPPABLE)]
     solid, at, length = shapes.sweep(kind, rng), rng.uniform(0.3, 0.7), rng.uniform(260, 360) * size / 512
