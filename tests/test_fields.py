@@ -1,5 +1,7 @@
 """Weights as fields: what a user may give, discontinuities read off zeros, and what a change costs."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -128,23 +130,30 @@ def test_a_break_is_written_as_zeros(order, of):
     np.testing.assert_array_equal(m.spine_first.numpy()[[0, 16]], [0, (9 if gap else 8) if spine else 0])
 
 
-def _at_rest(scheme, w01, w02, target, tied):
-    """A tube on springs to a spine that is held at `target`, in the end: centres of its rings, (ns, 3)."""
+def _at_rest(what, scheme, w1, w2, target, tied):
+    """Spine, or centres of rings, on springs to rings, or a spine, that are held at `target`, in the end, (ns, 3)."""
     ns, nx = len(target), 8
-    tube = circles(even_spine(ns), 0.1, nx)
-    rig = Rig((tube, even_spine(ns)), w01=np.repeat(w01, nx), w02=np.repeat(w02, nx), reaction=tied)
+    held = circles(target, 0.1, nx)
+    given: dict[str, Any] = {"w1": w1, "w2": w2, "a": tied, "spine_curvature": [1.0, 0.0]}
+    if what == "tube":
+        given = {"w01": np.repeat(w1, nx), "w02": np.repeat(w2, nx), "reaction": tied}
+    rig = Rig((circles(even_spine(ns), 0.1, nx), even_spine(ns)), **given)
     solver = make_solver(scheme, rig.model, None, None, 0.0)
     for _ in range(1500):
-        rig.state.spine.assign(target.astype(np.float32))
+        if what == "tube":
+            rig.state.spine.assign(target.astype(np.float32))
+        else:
+            rig.state.tube.assign(held.reshape(-1, 3).astype(np.float32))
         rig.forces()
         solver.step(rig.state)
-    return rig.tube().mean(axis=1)
+    return rig.tube().mean(axis=1) if what == "tube" else rig.spine()
 
 
+@pytest.mark.parametrize("what", ["tube", "spine"])
 @pytest.mark.parametrize("scheme", SCHEMES)
 @pytest.mark.parametrize("order", ["tangent", "position"])
-def test_zero_weights_leave_one_kink_or_gap_and_no_other(scheme, order):
-    """Rings drawn to a line with a kink (a jump) at s0: with weights 0 there they take it whole, else they round it off.
+def test_zero_weights_leave_one_kink_or_gap_and_no_other(what, scheme, order):
+    """Rings, or a spine, drawn to a line with a kink (a jump) at s0: taken whole with weights 0 there, else rounded off.
 
     Against (M a + K) c = M a target.
     """
@@ -160,7 +169,7 @@ def test_zero_weights_leave_one_kink_or_gap_and_no_other(scheme, order):
         if broken:
             w02[at : at + 1 + (order == "position")] = 0
             w01[at] = 0
-        centres = _at_rest(scheme, w01, w02, target, tied)
+        centres = _at_rest(what, scheme, w01, w02, target, tied)
         stiff = np.diag(mass * tied) + reference.open_stiffness(w01, w02)
         expected = np.linalg.solve(stiff, tied * mass[:, None] * target)
         np.testing.assert_allclose(centres, expected, atol=2e-5)
