@@ -9,13 +9,14 @@ from pathlib import Path
 
 from symseek.device import start_quietly
 
-from . import ablation, accuracy, invariance, lines, photographs, rest, speed
+from . import ablation, accuracy, breaks, invariance, lines, photographs, rest, speed
 
 TABLES = {
     "accuracy": accuracy.main,
     "ablation": ablation.main,
     "invariance": invariance.main,
     "rest": rest.main,
+    "breaks": breaks.main,
     "photographs": photographs.main,
     "speed": speed.main,
     "lines": lines.main,

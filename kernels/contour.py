@@ -7,6 +7,9 @@ from . import elastic, image, projection
 AT_NODES = wp.constant(25.0)
 """Gain of a force density at nodes over that of a line load: makes (12) as strong as `sim.assembly.LINE_LOAD` at 25 x 25."""
 
+CORNER = wp.constant(3.0)
+"""How far from the corners of a cut the smoothed image tells its sides, in smoothing scales."""
+
 
 @wp.struct
 class Crossing:
@@ -23,9 +26,18 @@ class Crossing:
 
 @wp.func
 def surface_normal(
-    v: wp.array[wp.vec3], start: int, x: int, n: int, s: int, ns: int, centroid: wp.array[wp.vec3], ring: int, closed: int
+    v: wp.array[wp.vec3],
+    start: int,
+    x: int,
+    n: int,
+    s: int,
+    first: int,
+    last: int,
+    centroid: wp.array[wp.vec3],
+    ring: int,
+    closed: int,
 ):
-    """n(x, s) below (12), outward, by central differences; at a closed end the outward axis of the cap."""
+    """n(x, s) below (12), outward, by differences within rings first to last; at a closed end the cap's outward axis."""
     if closed != 0:
         if s == 0:
             return wp.normalize(v[start] - centroid[ring + 1])
@@ -33,9 +45,9 @@ def surface_normal(
     dx = v[start + elastic.wrap(x + 1, n)] - v[start + elastic.wrap(x - 1, n)]
     lo = start + x
     hi = start + x
-    if s > 0:
+    if s > first:
         lo -= n
-    if s < ns - 1:
+    if s < last:
         hi += n
     return wp.normalize(wp.cross(dx, v[hi] - v[lo]))
 
@@ -48,7 +60,8 @@ def normals(
     ring_node: wp.array[int],
     ring_s: wp.array[int],
     tube_nx: wp.array[int],
-    tube_ns: wp.array[int],
+    ring_first: wp.array[int],
+    ring_last: wp.array[int],
     ring_closed: wp.array[int],
     eyes: wp.array[projection.Eye],
     # state in
@@ -65,7 +78,9 @@ def normals(
     r = node_ring[i]
     k = ring_tube[r]
     start = ring_node[r]
-    m = surface_normal(tube_in, start, i - start, tube_nx[k], ring_s[r], tube_ns[k], centroid_in, r, ring_closed[r])
+    n = tube_nx[k]
+    s = ring_s[r]
+    m = surface_normal(tube_in, start, i - start, n, s, ring_first[r], ring_last[r], centroid_in, r, ring_closed[r])
     normal_out[i] = m
     facing_out[i] = wp.dot(projection.sight(eyes[view], tube_in[i]), m)
 
@@ -115,6 +130,14 @@ def crossing(
 
 
 @wp.func
+def blind(eye: projection.Eye, a: wp.vec3, b: wp.vec3, sigma: float):
+    """Whether the last stretch before a gap, from a to b, is too short for its sides to be told from the cut's corners."""
+    if wp.length(projection.project(eye, a) - projection.project(eye, b)) < CORNER * sigma:
+        return 1
+    return 0
+
+
+@wp.func
 def along_ring(v: wp.array[wp.vec3], normal: wp.array[wp.vec3], facing: wp.array[float], start: int, x: int, n: int):
     """Crossing on the edge of a ring from x to x + 1."""
     before, after = start + elastic.wrap(x - 1, n), start + elastic.wrap(x + 2, n)
@@ -123,14 +146,14 @@ def along_ring(v: wp.array[wp.vec3], normal: wp.array[wp.vec3], facing: wp.array
 
 @wp.func
 def along_meridian(
-    v: wp.array[wp.vec3], normal: wp.array[wp.vec3], facing: wp.array[float], at: int, n: int, s: int, ns: int
+    v: wp.array[wp.vec3], normal: wp.array[wp.vec3], facing: wp.array[float], at: int, n: int, s: int, first: int, last: int
 ):
-    """Crossing on the edge of a meridian from s to s + 1."""
+    """Crossing on the edge of a meridian from s to s + 1, by the rings first to last."""
     before = int(-1)
     after = int(-1)
-    if s > 0:
+    if s > first:
         before = at - n
-    if s < ns - 2:
+    if s + 1 < last:
         after = at + 2 * n
     return crossing(v, normal, facing, before, at, at + n, after)
 
@@ -202,6 +225,8 @@ def contour_force(
     ring_s: wp.array[int],
     tube_nx: wp.array[int],
     tube_ns: wp.array[int],
+    ring_first: wp.array[int],
+    ring_last: wp.array[int],
     eyes: wp.array[projection.Eye],
     fields: wp.array2d[image.Field],
     samples: wp.array[wp.vec4],
@@ -222,9 +247,15 @@ def contour_force(
     n = tube_nx[k]
     ns = tube_ns[k]
     s = ring_s[r]
-    if s == ns - 1:
+    # no surface beyond the end, nor across a gap
+    if s == ring_last[r]:
         return
     start = ring_node[r]
+    if (s + 1 == ring_last[r + 1] and s + 1 < ns - 1) or (s == ring_first[r] and s > 0):
+        if blind(eyes[view], tube_in[start], tube_in[start + n], fields[k, view].sigma) != 0:
+            return
+    first = ring_first[r + 1]
+    last = ring_last[r]
     x = i - start
     i10 = start + elastic.wrap(x + 1, n)
     g00 = facing_in[i] >= 0.0
@@ -246,9 +277,9 @@ def contour_force(
     if g01 != g11:
         top = along_ring(tube_in, normal_in, facing_in, start + n, x, n)
     if g00 != g01:
-        left = along_meridian(tube_in, normal_in, facing_in, i, n, s, ns)
+        left = along_meridian(tube_in, normal_in, facing_in, i, n, s, first, last)
     if g10 != g11:
-        right = along_meridian(tube_in, normal_in, facing_in, i10, n, s, ns)
+        right = along_meridian(tube_in, normal_in, facing_in, i10, n, s, first, last)
     if g00 != g10 and g01 != g11 and g00 != g01:
         # a saddle: the sign at the cell's middle says which corners are cut off
         middle = facing_in[i] + facing_in[i10] + facing_in[i + n] + facing_in[i10 + n] >= 0.0

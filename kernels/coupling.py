@@ -57,18 +57,34 @@ def centre_pole(pole: wp.vec3, neighbour: wp.vec3, gap: float):
 
 
 @wp.func
-def upright_spine(d: float, far: wp.array2d[float], tilt: wp.array[wp.vec3], r: int, s: int, last: int):
-    """What `upright` does to spine node s: the other half of the gradient of d/2 mean ((T - c).t)^2."""
+def upright_spine(
+    d: float,
+    far: wp.array2d[float],
+    tilt: wp.array[wp.vec3],
+    first: wp.array[int],
+    last: wp.array[int],
+    r: int,
+    s: int,
+    ns: int,
+):
+    """What `upright` does to spine node s: the other half of the gradient of d/2 mean ((T - c).t)^2.
+
+    Ring q looks from `first[q]` to `last[q]`, as far as the spine is in one piece.
+    """
     f = wp.vec3(0.0)
     for j in range(WINDOW):
         if s - j - 1 >= 0:
-            f -= far[r - j - 1, j] * tilt[r - j - 1]
-        if s + j < last + 1 and s > 0:
-            f -= far[r + j, j] * tilt[r + j]
-        if s - j >= 0 and s < last:
-            f += far[r - j, j] * tilt[r - j]
-        if s + j + 1 <= last:
-            f += far[r + j + 1, j] * tilt[r + j + 1]
+            if s <= last[r - j - 1]:
+                f -= far[r - j - 1, j] * tilt[r - j - 1]
+        if s + j < ns:
+            if s > first[r + j]:
+                f -= far[r + j, j] * tilt[r + j]
+        if s - j >= 0:
+            if s < last[r - j]:
+                f += far[r - j, j] * tilt[r - j]
+        if s + j + 1 < ns:
+            if s >= first[r + j + 1]:
+                f += far[r + j + 1, j] * tilt[r + j + 1]
     return d * f
 
 
@@ -89,6 +105,8 @@ def ring_means(
     ring_s: wp.array[int],
     tube_nx: wp.array[int],
     tube_ns: wp.array[int],
+    look_first: wp.array[int],
+    look_last: wp.array[int],
     ring_far: wp.array2d[float],
     # state in
     tube_in: wp.array[wp.vec3],
@@ -102,8 +120,8 @@ def ring_means(
 ):
     """Sets centroid and mean radius of each ring (below fig. 7), mean distance to the next ring, spine tangent, tilt.
 
-    The tangent looks `WINDOW` segments either way, the j-th with importance `ring_far[., j]`: far ones count where near
-    ones vanish, as they do under a flat end.
+    The tangent looks `WINDOW` segments either way as far as the spine is in one piece, the j-th with importance
+    `ring_far[., j]`: far ones count where near ones vanish, as they do under a flat end.
     """
     r = wp.tid()
     k = ring_tube[r]
@@ -135,9 +153,9 @@ def ring_means(
     gap_out[r] = gap / float(n)
     along = wp.vec3(0.0)
     for j in range(WINDOW):
-        if s + j < last:
+        if s + j < look_last[r]:
             along += ring_far[r, j] * (spine_in[r + j + 1] - spine_in[r + j])
-        if s - j > 0:
+        if s - j > look_first[r]:
             along += ring_far[r, j] * (spine_in[r - j] - spine_in[r - j - 1])
     t = unit(along)
     tilt = wp.vec3(0.0)
@@ -226,6 +244,8 @@ def spine_force(
     ring_tube: wp.array[int],
     ring_s: wp.array[int],
     tube_ns: wp.array[int],
+    look_first: wp.array[int],
+    look_last: wp.array[int],
     ring_far: wp.array2d[float],
     w1: wp.array[float],
     w2: wp.array[float],
@@ -250,7 +270,7 @@ def spine_force(
     f += tension_in[r]
     if ring_s[r] > 0:
         f -= tension_in[r - 1]
-    f += upright_spine(coupling[r, 5], ring_far, tilt_in, r, ring_s[r], ns - 1)
+    f += upright_spine(coupling[r, 5], ring_far, tilt_in, look_first, look_last, r, ring_s[r], ns)
     mass = end_mass(ring_s[r], ns)
     f += mass * hold_depth(coupling[r, 7], depth_rest[r], eyes[0], spine_in[r])
     force_out[r] = f + mass * attract(coupling[r, 0], centroid_in[r], spine_in[r])

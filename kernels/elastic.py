@@ -4,6 +4,9 @@ import warp as wp
 
 CLOSEST = wp.constant(0.1)
 """Least length of an edge of the spine, over the mean one."""
+NUDGE = wp.constant(0.01)
+"""Mean bend, in natural ones, below which a spine bends to the meridian x = 0 and not the way it does already."""
+TINY = wp.constant(1.0e-12)
 
 
 @wp.func
@@ -131,44 +134,220 @@ def bent_force(
     return f / (h * h * h * h)
 
 
+@wp.func
+def stretch(e: wp.vec3, h: float, shape: wp.vec3):
+    """Pull of an edge `e` with natural length, w e / h^2 of (4), (5) with the paper's w = K (|e| / h - L), L = shape[1].
+
+    Half the gradient of K (g - L)^2 (2 g + L) / 3 for g = |e| / h, an energy that is never negative. Beyond
+    g - L = shape[2] w stays as it is there, so that its steepest slope is K (L + 2 shape[2]), which the matrices know.
+    """
+    return shape[0] * wp.min(wp.length(e) / h - shape[1], shape[2]) / (h * h) * e
+
+
 @wp.kernel(enable_backward=False)
 def relax_spine(
     # model
     tube_ring: wp.array[int],
     tube_ns: wp.array[int],
+    ring_node: wp.array[int],
+    spine_first: wp.array[int],
+    spine_last: wp.array[int],
     basis: wp.array2d[float],
     k1: wp.array[float],
+    w2: wp.array[float],
+    spine_stretch: wp.array[wp.vec2],
+    spine_curvature: wp.array[wp.vec2],
     # state in
+    tube_in: wp.array[wp.vec3],
     spine_in: wp.array[wp.vec3],
     tangent_in: wp.array[wp.vec3],
     # out
     natural_out: wp.array[wp.vec3],
     tension_out: wp.array[wp.vec3],
 ):
-    """Sets the spine's natural second difference and the push of its least lengths L1 (section 3) in each edge.
+    """Sets the spine's natural second difference, and the pull in each edge of its natural lengths L1 and its least ones.
 
-    The natural bend is the part of its own that a low polynomial in s describes: a spine then resists wriggles, not an
-    even bend, so rigidity does not pull a banana straight. `basis` holds orthonormal polynomials on the interior nodes,
-    0 at the ends. Edges may shorten freely, as they do under a flat end, but a node never passes the next one.
+    The natural bend is the part of its own that a low polynomial in s describes, in each piece between discontinuities: a
+    spine then resists wriggles, not an even bend, so rigidity does not pull a banana straight. `basis` holds orthonormal
+    polynomials on the interior nodes, 0 at the ends. Edges may shorten freely, as they do under a flat end, but a node
+    never passes the next one.
+
+    Where a curvature C2 is given the energy is the sum of w2 (|q|^2 - 2 C2 p.(t x q) + C2^2) over a piece, which is
+    w2 |q - C2 p x t|^2 in a plane: q the second derivative, t the unit tangent along both edges, p the normal of the plane
+    that suits the piece best, p ~ sum of w2 C2 (t x q). So plane and side of the bend are free, but all of a piece shares
+    them; a straight one turns to the meridian x = 0. The force is half that energy's gradient (p, being the best, adds
+    nothing to it) but for the nudge aside.
     """
     k = wp.tid()
     start = tube_ring[k]
     n = tube_ns[k]
     for i in range(n):
         natural_out[start + i] = wp.vec3(0.0)
-    for j in range(basis.shape[1]):
-        p = wp.vec3(0.0)
-        for i in range(1, n - 1):
-            p += basis[start + i, j] * bend(spine_in[start + i - 1], spine_in[start + i], spine_in[start + i + 1])
-        for i in range(1, n - 1):
-            natural_out[start + i] = natural_out[start + i] + basis[start + i, j] * p
+    first = int(0)
     whole = float(0.0)
+    edges = float(0.0)
+    while first < n - 1:
+        last = spine_last[start + first]
+        for j in range(basis.shape[1]):
+            p = wp.vec3(0.0)
+            for i in range(first + 1, last):
+                p += basis[start + i, j] * bend(spine_in[start + i - 1], spine_in[start + i], spine_in[start + i + 1])
+            for i in range(first + 1, last):
+                natural_out[start + i] = natural_out[start + i] + basis[start + i, j] * p
+        for i in range(first, last):
+            whole += wp.length(spine_in[start + i + 1] - spine_in[start + i])
+            edges += 1.0
+        first = last
+        if last < n - 1:
+            # the next piece begins at a crease's own ring, or beyond a gap
+            first = spine_first[start + last + 1]
+    least = CLOSEST * whole / edges
     for i in range(n - 1):
-        whole += wp.length(spine_in[start + i + 1] - spine_in[start + i])
-    least = CLOSEST * whole / float(n - 1)
-    scale = k1[k] * float((n - 1) * (n - 1))
-    for i in range(n - 1):
+        scale = k1[start + i] * float((n - 1) * (n - 1))
+        e = spine_in[start + i + 1] - spine_in[start + i]
         along = wp.normalize(tangent_in[start + i] + tangent_in[start + i + 1])
-        short = wp.dot(spine_in[start + i + 1] - spine_in[start + i], along) - least
+        short = wp.dot(e, along) - least
         tension_out[start + i] = scale * wp.min(short, 0.0) * along
     tension_out[start + n - 1] = wp.vec3(0.0)
+    h = 1.0 / float(n - 1)
+    for i in range(n - 1):
+        length = spine_stretch[start + i]
+        if length[0] >= 0.0:
+            e = spine_in[start + i + 1] - spine_in[start + i]
+            tension_out[start + i] = tension_out[start + i] + stretch(e, h, wp.vec3(k1[start + i], length[0], length[1]))
+    begin = int(0)
+    while begin < n - 1:
+        last = spine_last[start + begin]
+        plane = wp.vec3(0.0)
+        for i in range(begin + 1, last):
+            at = start + i
+            weight = w2[at] * spine_curvature[at][1]
+            t = wp.normalize(spine_in[at + 1] - spine_in[at - 1])
+            side = tube_in[ring_node[at]] - spine_in[at]
+            nudge = NUDGE * h * h * spine_curvature[at][1] * wp.normalize(side - wp.dot(side, t) * t)
+            plane += weight * wp.cross(t, bend(spine_in[at - 1], spine_in[at], spine_in[at + 1]) + nudge)
+        plane = wp.normalize(plane)
+        for i in range(begin + 1, last):
+            at = start + i
+            if spine_curvature[at][0] > 0.0:
+                c = spine_in[at + 1] - spine_in[at - 1]
+                t = wp.normalize(c)
+                size = spine_curvature[at][1] * h * h
+                natural_out[at] = size * wp.cross(plane, t)
+                # t turns with its edges
+                m = wp.cross(bend(spine_in[at - 1], spine_in[at], spine_in[at + 1]), plane)
+                m *= w2[at] * size / (h * h * h * h * wp.max(wp.length(c), TINY))
+                turn = m - wp.dot(m, t) * t
+                tension_out[at - 1] = tension_out[at - 1] - turn
+                tension_out[at] = tension_out[at] - turn
+        begin = last
+        if last < n - 1:
+            begin = spine_first[start + last + 1]
+
+
+@wp.func
+def add_turn(force: wp.array[wp.vec3], x0: int, x1: int, s0: int, s1: int, dx: wp.vec3, ds: wp.vec3, m: wp.vec3):
+    """Adds minus the gradient of m.(dx x ds), m held, to the nodes of dx = v[x1] - v[x0] and ds = v[s1] - v[s0]."""
+    fx = wp.cross(ds, m)
+    fs = wp.cross(m, dx)
+    wp.atomic_sub(force, x1, fx)
+    wp.atomic_add(force, x0, fx)
+    wp.atomic_sub(force, s1, fs)
+    wp.atomic_add(force, s0, fs)
+
+
+@wp.kernel(enable_backward=False)
+def shape_sheet(
+    # model
+    node_ring: wp.array[int],
+    ring_tube: wp.array[int],
+    ring_node: wp.array[int],
+    ring_s: wp.array[int],
+    tube_nx: wp.array[int],
+    tube_ns: wp.array[int],
+    ring_closed: wp.array[int],
+    ring_first: wp.array[int],
+    ring_last: wp.array[int],
+    w20: wp.array[float],
+    w11: wp.array[float],
+    w02: wp.array[float],
+    stretch10: wp.array[wp.vec3],
+    stretch01: wp.array[wp.vec3],
+    curvature: wp.array[wp.vec3],
+    # state in
+    tube_in: wp.array[wp.vec3],
+    # out
+    force_out: wp.array[wp.vec3],
+):
+    """Adds what natural lengths and curvatures add to minus (5) (section 3): half the gradient of their energies.
+
+    Lengths as in `stretch`. Curvatures on the outward normal n of (12), which turns with the sheet: w20 |v_xx + C20 n|^2
+    + 2 w11 |v_xs + C11 n|^2 + w02 |v_ss + C02 n|^2, less its part without C, which is (3) itself.
+    """
+    i = wp.tid()
+    r = node_ring[i]
+    k = ring_tube[r]
+    n = tube_nx[k]
+    ns = tube_ns[k]
+    s = ring_s[r]
+    start = ring_node[r]
+    x = i - start
+    hx = 1.0 / float(n)
+    hs = 1.0 / float(ns - 1)
+    mass = float(1.0)
+    if s == 0 or s == ns - 1:
+        mass = 0.5
+    west = start + (x + n - 1) % n
+    east = start + (x + 1) % n
+    v = tube_in[i]
+    if ring_closed[r] == 0:
+        f = mass * stretch(tube_in[east] - v, hx, stretch10[i])
+        wp.atomic_add(force_out, i, f)
+        wp.atomic_sub(force_out, east, f)
+    if s < ns - 1:
+        f = stretch(tube_in[i + n] - v, hs, stretch01[i])
+        wp.atomic_add(force_out, i, f)
+        wp.atomic_sub(force_out, i + n, f)
+    natural = curvature[i]
+    if ring_closed[r] == 0 and (natural[0] != 0.0 or natural[2] != 0.0):
+        south = i
+        north = i
+        if s > ring_first[r]:
+            south -= n
+        if s < ring_last[r]:
+            north += n
+        dx = tube_in[east] - tube_in[west]
+        ds = tube_in[north] - tube_in[south]
+        cross = wp.cross(dx, ds)
+        size = wp.max(wp.length(cross), TINY)
+        normal = cross / size
+        load = mass * w20[i] * natural[0] / (hx * hx)
+        q = load * bend(tube_in[west], v, tube_in[east])
+        wp.atomic_sub(force_out, west, load * normal)
+        wp.atomic_add(force_out, i, 2.0 * load * normal)
+        wp.atomic_sub(force_out, east, load * normal)
+        if s > 0 and s < ns - 1:
+            load = w02[i] * natural[2] / (hs * hs)
+            q += load * bend(tube_in[i - n], v, tube_in[i + n])
+            wp.atomic_sub(force_out, i - n, load * normal)
+            wp.atomic_add(force_out, i, 2.0 * load * normal)
+            wp.atomic_sub(force_out, i + n, load * normal)
+        add_turn(force_out, west, east, south, north, dx, ds, (q - wp.dot(q, normal) * normal) / size)
+    if s < ns - 1 and natural[1] != 0.0:
+        a = tube_in[east] - v
+        b = tube_in[i + n] - v
+        corner = tube_in[east + n]
+        dx = 0.5 * (a + corner - tube_in[i + n])
+        ds = 0.5 * (b + corner - tube_in[east])
+        cross = wp.cross(dx, ds)
+        size = wp.max(wp.length(cross), TINY)
+        normal = cross / size
+        load = 2.0 * w11[i] * natural[1] / (hx * hs)
+        q = load * (corner - tube_in[east] - b)
+        wp.atomic_sub(force_out, east + n, load * normal)
+        wp.atomic_add(force_out, east, load * normal)
+        wp.atomic_add(force_out, i + n, load * normal)
+        wp.atomic_sub(force_out, i, load * normal)
+        m = 0.5 * (q - wp.dot(q, normal) * normal) / size
+        add_turn(force_out, i, east, i, i + n, dx, ds, m)
+        add_turn(force_out, i + n, east + n, east, east + n, dx, ds, m)

@@ -14,6 +14,7 @@ class Field:
     y0: float
     step: float  # image pixels a sample
     gain: float  # of the force at this field
+    sigma: float  # it was smoothed by, image pixels
 
 
 @wp.func

@@ -35,11 +35,11 @@ def sweep(kind: str, rng: np.random.Generator) -> Sweep:
         kind = ("bent", "pear", "peanut")[rng.integers(3)]
     body, caps, aspect, bend = _PROFILES[kind](rng)
     fine = (1 - np.cos(np.linspace(0, np.pi, 2001))) / 2  # round tips are steep
-    station, radius = _close(fine, body(fine) / body(fine).max() / (2 * aspect), caps)
+    station, radius = close(fine, body(fine) / body(fine).max() / (2 * aspect), caps)
     u = np.linspace(0, 1, 2001)
     turn = bend(u) * rng.choice([-1.0, 1.0])
     steepest = np.abs(turn * np.interp(u, station, radius)).max()
-    return Sweep(station, radius, _line(u, turn * min(1.0, STEEPEST / max(steepest, 1e-9))))
+    return Sweep(station, radius, line(u, turn * min(1.0, STEEPEST / max(steepest, 1e-9))))
 
 
 def mesh(
@@ -55,7 +55,7 @@ def mesh(
     r (1 + a2 cos(2t - p2) + a3 cos(3t - p3)); amplitudes and phases vary smoothly along the axis, and
     amplitudes are at most `out_of_round`.
     """
-    station, radius = _resample(solid, along)
+    station, radius = resample(solid, along)
     u = np.linspace(0, 1, len(solid.axis))
     slope = np.gradient(solid.axis, u, axis=0, edge_order=2)
     centre, tangent = (np.stack([np.interp(station, u, c) for c in of.T], 1) for of in (solid.axis, slope))
@@ -116,7 +116,7 @@ def _sections(
     return out
 
 
-def _resample(solid: Sweep, count: int) -> tuple[np.ndarray, np.ndarray]:
+def resample(solid: Sweep, count: int) -> tuple[np.ndarray, np.ndarray]:
     """`count` points of the meridian: half of them spread by its length, half by its turning."""
     step = np.diff(np.stack([solid.station, solid.radius], 1), axis=0)
     length = np.linalg.norm(step, axis=1)
@@ -131,7 +131,7 @@ def _resample(solid: Sweep, count: int) -> tuple[np.ndarray, np.ndarray]:
     return np.interp(at, index, solid.station), np.interp(at, index, solid.radius)
 
 
-def _line(u: np.ndarray, curvature: np.ndarray) -> np.ndarray:
+def line(u: np.ndarray, curvature: np.ndarray) -> np.ndarray:
     """Points (n, 2) of the plane curve of unit length with this curvature, by the trapezoidal rule."""
     h = u[1] - u[0]
     heading = np.concatenate([[0], np.cumsum((curvature[1:] + curvature[:-1]) * h / 2)])
@@ -139,7 +139,7 @@ def _line(u: np.ndarray, curvature: np.ndarray) -> np.ndarray:
     return np.concatenate([np.zeros((1, 2)), np.cumsum((d[1:] + d[:-1]) * h / 2, axis=0)])
 
 
-def _close(u: np.ndarray, radius: np.ndarray, caps: tuple[Cap, Cap]) -> tuple[np.ndarray, np.ndarray]:
+def close(u: np.ndarray, radius: np.ndarray, caps: tuple[Cap, Cap]) -> tuple[np.ndarray, np.ndarray]:
     """Close the ends of a profile: stations and radii of the whole meridian, from radius 0 to radius 0."""
     station = u
     for cap in caps:

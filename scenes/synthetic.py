@@ -107,7 +107,7 @@ def make(
         radius=scale * size * _mean_radius(solid, len(spine)),
         clicks=_clicks(spine, click_error * size / 512, click_rng),
         length=scale * size,
-        volume=_volume(vertices, faces),
+        volume=volume(vertices, faces),
         camera=Camera.orthographic(),
         kind=kind,
         seed=seed,
@@ -163,7 +163,7 @@ def _face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return np.cross(b - a, c - a)
 
 
-def _volume(vertices: np.ndarray, faces: np.ndarray) -> float:
+def volume(vertices: np.ndarray, faces: np.ndarray) -> float:
     a, b, c = np.moveaxis(vertices[faces], 1, 0)
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
 
@@ -176,10 +176,10 @@ def _placement(
 ) -> tuple[float, np.ndarray, np.ndarray]:
     """Scale, rotation and shift of the solid, in units of the image's side, that keep it in the picture."""
     chord = axis[-1] - axis[0]
-    along = _turn_z(-np.arctan2(chord[1], chord[0]))
+    along = turn_z(-np.arctan2(chord[1], chord[0]))
     angle = np.radians(tilt) * rng.choice([-1.0, 1.0])
     c, s = np.cos(angle), np.sin(angle)
-    turn = _turn_z(rng.uniform(0, 2 * np.pi)) @ np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]]) @ along
+    turn = turn_z(rng.uniform(0, 2 * np.pi)) @ np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]]) @ along
     seen = vertices @ turn.T
     low, high = seen[:, :2].min(0), seen[:, :2].max(0)
     extent = rng.uniform(0.45, 0.75)
@@ -190,7 +190,7 @@ def _placement(
     return scale, turn, np.append(corner - scale * low, -scale * depth)
 
 
-def _turn_z(angle: float) -> np.ndarray:
+def turn_z(angle: float) -> np.ndarray:
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
 
@@ -230,12 +230,12 @@ def write_squash(folder: Path) -> None:
     solid = shapes.sweep("squash", np.random.default_rng(SQUASH_SEED))
     vertices, faces = shapes.mesh(solid, around=96, along=128)
     axis = np.column_stack([solid.axis[::20], np.zeros(len(solid.axis[::20]))])
-    turn = _turn_z(SQUASH_ANGLE)
+    turn = turn_z(SQUASH_ANGLE)
     middle = np.append((vertices @ turn.T)[:, :2].max(0) + (vertices @ turn.T)[:, :2].min(0), 0) / 2
     vertices, axis = (SQUASH_LENGTH * (p @ turn.T - middle) + [width / 2, height / 2, 0] for p in (vertices, axis))
     light = np.array([-0.5, -0.62, -1.0])
     shade, cover = render(vertices, faces, (height, width), light, ambient=0.42, gloss=0.22)
-    image = _table(cover) * (1 - cover[..., None]) + _rind(axis, cover.shape) * (shade * cover)[..., None]
+    image = table_top(cover) * (1 - cover[..., None]) + _rind(axis, cover.shape) * (shade * cover)[..., None]
     image += 0.01 * np.random.default_rng(5).standard_normal(image.shape)
     folder.mkdir(parents=True, exist_ok=True)
     picture = Image.fromarray(np.uint8(np.round(255 * np.clip(image, 0, 1))))
@@ -247,11 +247,11 @@ def write_squash(folder: Path) -> None:
         spine=axis,
         radius=SQUASH_LENGTH * _mean_radius(solid, len(axis)),
         length=SQUASH_LENGTH,
-        volume=_volume(vertices, faces),
+        volume=volume(vertices, faces),
     )
 
 
-def _table(cover: np.ndarray) -> np.ndarray:
+def table_top(cover: np.ndarray) -> np.ndarray:
     """A dark grey-blue table, lighter towards the light, with the shadow of what lies on it, (H, W, 3)."""
     y, x = np.mgrid[: cover.shape[0], : cover.shape[1]] / max(cover.shape)
     glow = 0.75 + 0.6 * np.exp(-((x - 0.2) ** 2 + (y - 0.05) ** 2) / 0.35)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warp as wp
 
-from ..kernels import contour, coupling, elastic
+from ..kernels import contour, coupling, elastic, rim
 from .model import Model, State
 
 
@@ -23,7 +23,7 @@ def add_forces(model: Model, state: State, contour_kind: str, literal: bool, tau
     wp.launch(
         coupling.ring_means,
         m.rings,
-        inputs=[*ring, m.ring_far, s.tube, s.spine],
+        inputs=[*ring, m.look_first, m.look_last, m.ring_far, s.tube, s.spine],
         outputs=[s.centroid, s.radius, s.gap, s.tangent, s.tilt],
         device=m.device,
     )
@@ -37,13 +37,27 @@ def add_forces(model: Model, state: State, contour_kind: str, literal: bool, tau
         outputs=[s.force],
         device=m.device,
     )  # fmt: skip
+    if m.shaped:
+        wp.launch(
+            elastic.shape_sheet,
+            m.nodes,
+            inputs=[
+                m.node_ring, *ring, m.ring_closed, m.ring_first, m.ring_last,
+                m.w20, m.w11, m.w02, m.stretch10, m.stretch01, m.curvature, s.tube,
+            ],
+            outputs=[s.force],
+            device=m.device,
+        )  # fmt: skip
     wp.launch(
         elastic.relax_spine,
         m.tubes,
-        inputs=[m.tube_ring, m.tube_ns, m.bend_basis, m.k1, s.spine, s.tangent],
+        inputs=[
+            m.tube_ring, m.tube_ns, m.ring_node, m.spine_first, m.spine_last, m.bend_basis, m.k1, m.w2,
+            m.spine_stretch, m.spine_curvature, s.tube, s.spine, s.tangent,
+        ],
         outputs=[s.natural_bend, s.tension],
         device=m.device,
-    )
+    )  # fmt: skip
     wp.launch(
         coupling.spine_force,
         m.rings,
@@ -51,6 +65,8 @@ def add_forces(model: Model, state: State, contour_kind: str, literal: bool, tau
             m.ring_tube,
             m.ring_s,
             m.tube_ns,
+            m.look_first,
+            m.look_last,
             m.ring_far,
             m.w1,
             m.w2,
@@ -70,7 +86,7 @@ def add_forces(model: Model, state: State, contour_kind: str, literal: bool, tau
         wp.launch(
             contour.normals,
             m.nodes,
-            inputs=[m.node_ring, *ring, m.ring_closed, m.eyes, s.tube, s.centroid, view],
+            inputs=[m.node_ring, *ring[:-1], m.ring_first, m.ring_last, m.ring_closed, m.eyes, s.tube, s.centroid, view],
             outputs=[s.normal, s.facing],
             device=m.device,
         )
@@ -85,6 +101,17 @@ def add_forces(model: Model, state: State, contour_kind: str, literal: bool, tau
             outputs=[s.force],
             device=m.device,
         )  # fmt: skip
+        if m.torn:
+            wp.launch(
+                rim.rim_force,
+                m.rings,
+                inputs=[
+                    *ring, m.ring_first, m.ring_last, m.eyes, m.fields, m.samples, s.tube, s.centroid, s.radius,
+                    view, int(literal),
+                ],
+                outputs=[s.force],
+                device=m.device,
+            )  # fmt: skip
         if contour_kind == "switch":
             wp.launch(
                 contour.switch_force,
@@ -97,7 +124,7 @@ def add_forces(model: Model, state: State, contour_kind: str, literal: bool, tau
             wp.launch(
                 contour.contour_force,
                 m.nodes,
-                inputs=[m.node_ring, *ring, *pictures],
+                inputs=[m.node_ring, *ring, m.ring_first, m.ring_last, *pictures],
                 outputs=[s.force],
                 device=m.device,
             )

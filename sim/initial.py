@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy import ndimage
 from scipy.interpolate import CubicSpline
 
 from .camera import Camera
+from .fields import Cut, pieces
 from .foreground import axis_curve
-from .surface import smooth_grid
+from .surface import smooth_grid, smooth_pieces
 
 GATHER = 0.3
 """How much closer the rings of a closed tube stand at its ends than evenly: caps need them more than the body."""
 
 TURNING = 0.15
 """Share of the rings dealt out by how much the meridians turn; the others by their length."""
+TURNING_OFF = 3
+"""Rings beside a discontinuity whose turning does not count."""
 FINE = 20
 """Points of a meridian between two rings, for dealing them anew."""
 
@@ -66,7 +71,9 @@ def frames(curve: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return tangent, normal, np.cross(tangent, normal)
 
 
-def initial_tube(axis: np.ndarray, radius: float, grid: tuple[int, int], closed: bool) -> tuple[np.ndarray, np.ndarray]:
+def initial_tube(
+    axis: np.ndarray, radius: float, grid: tuple[int, int], closed: bool, marks: Sequence[tuple[float, float]] = ()
+) -> tuple[np.ndarray, np.ndarray]:
     """Tube and spine: circles of one radius, round ends when closed.
 
     Args:
@@ -74,6 +81,7 @@ def initial_tube(axis: np.ndarray, radius: float, grid: tuple[int, int], closed:
         radius: [world units].
         grid: nodes around, nodes along.
         closed: ends shut to a point.
+        marks: (ring, between two where it is no whole number; share of the axis' length where it must stand).
 
     Returns:
         tube (N_x, N_s, 3), spine (N_s, 3).
@@ -82,6 +90,9 @@ def initial_tube(axis: np.ndarray, radius: float, grid: tuple[int, int], closed:
     s = np.linspace(0, 1, ns)
     fine = axis_curve(axis, 40 * ns)
     place = s - GATHER * np.sin(2 * np.pi * s) / (2 * np.pi) if closed else s
+    if marks:
+        rings, shares = np.array(sorted(marks), float).T
+        place = np.interp(place, [0, *np.interp(rings, np.arange(ns), place), 1], [0, *shares, 1])
     spine = np.stack([np.interp(place, np.linspace(0, 1, 40 * ns), fine[:, i]) for i in range(3)], axis=1)
     _, normal, binormal = frames(spine)
     angle = 2 * np.pi * np.arange(nx) / nx
@@ -96,24 +107,46 @@ def initial_tube(axis: np.ndarray, radius: float, grid: tuple[int, int], closed:
     return spine + r[:, None] * circle, spine
 
 
-def deal(tube: np.ndarray, spine: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def deal(tube: np.ndarray, spine: np.ndarray, cuts: Sequence[Cut] = ()) -> tuple[np.ndarray, np.ndarray]:
     """The same surface with its rings dealt out anew: close where the meridians turn, as at a rim, even elsewhere.
+
+    Each piece between discontinuities keeps its rings.
 
     Args:
         tube: shape (N_x, N_s, 3).
         spine: shape (N_s, 3).
+        cuts: discontinuities of tube or spine.
 
     Returns:
         tube, spine of the same shapes.
     """
     nx, ns, _ = tube.shape
-    fine = FINE * (ns - 1) + 1
-    surface = smooth_grid(tube, 2 * nx, fine)[::2]
+    if not cuts:
+        return _dealt(tube, spine, smooth_grid(tube, 2 * nx, FINE * (ns - 1) + 1)[::2])
+    tube, spine = tube.copy(), spine.copy()
+    surfaces = smooth_pieces(tube, 2 * nx, FINE * (ns - 1) + 1, cuts)
+    for surface, (first, last) in zip(surfaces, pieces(ns, cuts), strict=True):
+        own = slice(first, last + 1)
+        tube[:, own], spine[own] = _dealt(tube[:, own], spine[own], surface[::2], first > 0, last < ns - 1)
+    return tube, spine
+
+
+def _dealt(
+    tube: np.ndarray, spine: np.ndarray, surface: np.ndarray, cut_first: bool = False, cut_last: bool = False
+) -> tuple[np.ndarray, np.ndarray]:
+    """One piece dealt out anew on its surface of `FINE` columns a gap, shape (N_x, n, 3).
+
+    What turns beside a cut is the cut's doing, whose own ring lies in it: it needs no others close by.
+    """
+    ns, fine = tube.shape[1], surface.shape[1]
     step = np.diff(surface, axis=1)
     length = np.linalg.norm(step, axis=2)
     along = step / np.maximum(length, 1e-12)[..., None]
     turn = np.linalg.norm(np.diff(along, axis=1), axis=2).mean(axis=0)
     turn = 0.5 * (np.append(turn, 0.0) + np.append(0.0, turn))
+    beside = TURNING_OFF * FINE
+    turn[: beside * cut_first] = 0.0
+    turn[len(turn) - beside * cut_last :] = 0.0
     length = length.mean(axis=0)
     share = (1 - TURNING) * length / length.sum() + TURNING * turn / max(turn.sum(), 1e-6)
     place = np.interp(np.linspace(0, 1, ns), np.append(0.0, np.cumsum(share / share.sum())), np.linspace(0, ns - 1, fine))

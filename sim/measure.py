@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,9 +12,10 @@ from scipy import ndimage
 from scipy.interpolate import CubicSpline
 
 from .camera import Camera
+from .fields import Cut, pieces
 from .foreground import Foreground
 from .potential import Potential
-from .surface import refine, smooth_grid, volume_and_area
+from .surface import refine, smooth_pieces, volume_and_area
 
 REACH = 0.15
 """How far from the contour its edge is looked for, in half widths of the object."""
@@ -23,8 +25,17 @@ SURE = 0.9
 """Of the map: surely the object above, surely not below 1 - SURE."""
 
 
-def arc_length(spine: np.ndarray) -> np.ndarray:
-    """Arc length of a smooth curve through nodes, from the first to each, shape (N_s,)."""
+def arc_length(spine: np.ndarray, cuts: Sequence[Cut] = ()) -> np.ndarray:
+    """Arc length of a curve through nodes, smooth but for its discontinuities, from the first to each, shape (N_s,).
+
+    What a gap is wide does not count.
+    """
+    if cuts:
+        arc = np.zeros(len(spine))
+        for first, last in pieces(len(spine), cuts):
+            own = arc_length(spine[first : last + 1])
+            arc[first : last + 1] = own + (arc[first] if (first, False) in cuts else arc[max(first - 1, 0)])
+        return arc
     chord = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(spine, axis=0), axis=1))])
     keep = np.concatenate([[True], np.diff(chord) > 1e-9 * chord[-1]])
     spline = CubicSpline(chord[keep], spine[keep])
@@ -33,24 +44,27 @@ def arc_length(spine: np.ndarray) -> np.ndarray:
     return np.interp(chord, fine, arc)
 
 
-def shape_measures(tube: np.ndarray, spine: np.ndarray) -> dict[str, Any]:
+def shape_measures(
+    tube: np.ndarray, spine: np.ndarray, cuts: Sequence[Cut] = (), spine_cuts: Sequence[Cut] = ()
+) -> dict[str, Any]:
     """Length, radius profile, volume, area [world units] and asymmetry of a tube.
 
     Args:
         tube: shape (N_x, N_s, 3).
         spine: shape (N_s, 3).
+        cuts, spine_cuts: discontinuities of tube and spine.
 
     Returns:
         length along the spine; station and radius, lists with an entry a ring (mean |r| as below fig. 7);
         volume; area; asymmetry: root mean square of |r| / rbar - 1 over the rings, weighted by their radius.
     """
-    station = arc_length(spine)
+    station = arc_length(spine, spine_cuts)
     r = np.linalg.norm(tube - spine, axis=2)
     step = np.linalg.norm(np.roll(tube, -1, axis=0) - np.roll(tube, 1, axis=0), axis=2)
     weight = step / np.maximum(step.sum(axis=0), 1e-30)
     radius = np.where(step.sum(axis=0) > 0, (r * weight).sum(axis=0), r.mean(axis=0))
     spread = ((r - radius) ** 2 * weight).sum(axis=0)
-    volume, area = volume_and_area(*refine(tube))
+    volume, area = volume_and_area(*refine(tube, cuts=cuts))
     return {
         "length": float(station[-1]),
         "station": [float(v) for v in station],
@@ -61,31 +75,37 @@ def shape_measures(tube: np.ndarray, spine: np.ndarray) -> dict[str, Any]:
     }
 
 
-def map_agreement(tube: np.ndarray, camera: Camera, map_: Foreground) -> tuple[float, float]:
+def map_agreement(tube: np.ndarray, camera: Camera, map_: Foreground, cuts: Sequence[Cut] = ()) -> tuple[float, float]:
     """How far the map bears out a tube, shape (N_x, N_s, 3), and how sure the map is of itself.
 
     Returns:
         Share of the tube's silhouette and the map's object together that they agree about to within a sample;
         share of what may be the object by the map that surely is.
     """
-    mask = _silhouette(tube, camera, map_)
+    mask = _silhouette(tube, camera, map_, cuts)
     labels = ndimage.label(map_.inside > 0.5)[0]  # pyright: ignore
     shared = np.bincount(labels[mask], minlength=2)
+    whole = np.bincount(labels.ravel(), minlength=len(shared))
+    # one piece of the map, but for a tube in several
     object_ = labels == 1 + shared[1:].argmax()
+    if any(gap for _, gap in cuts):
+        object_ |= np.isin(labels, 1 + np.flatnonzero(shared[1:] > 0.5 * whole[1:]))
     apart = sum(np.sum(a & np.logical_not(ndimage.binary_dilation(b))) for a, b in ((mask, object_), (object_, mask)))
     sure, maybe = map_.inside > SURE, map_.inside > 1 - SURE
     return float(1 - apart / max((mask | object_).sum(), 1)), float(sure.sum() / max(maybe.sum(), 1))
 
 
-def _silhouette(tube: np.ndarray, camera: Camera, map_: Foreground) -> np.ndarray:
+def _silhouette(tube: np.ndarray, camera: Camera, map_: Foreground, cuts: Sequence[Cut]) -> np.ndarray:
     """The map's samples that the tube covers."""
-    points = (camera.project(smooth_grid(tube)[::2, ::2]) - np.array(map_.origin)) / map_.step
-    around = np.roll(points, -1, axis=0)
-    patches = np.stack([points[:, :-1], points[:, 1:], around[:, 1:], around[:, :-1]], axis=2)
     picture = Image.new("1", map_.inside.shape[::-1])
     draw = ImageDraw.Draw(picture)
-    for corners in patches.reshape(-1, 8).tolist():
-        draw.polygon(corners, fill=1)
+    for grid in smooth_pieces(tube, cuts=cuts):
+        rows = np.unique([*range(0, grid.shape[1], 2), grid.shape[1] - 1])
+        points = (camera.project(grid[::2, rows]) - np.array(map_.origin)) / map_.step
+        around = np.roll(points, -1, axis=0)
+        patches = np.stack([points[:, :-1], points[:, 1:], around[:, 1:], around[:, :-1]], axis=2)
+        for corners in patches.reshape(-1, 8).tolist():
+            draw.polygon(corners, fill=1)
     return np.asarray(picture)
 
 

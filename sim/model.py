@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import warp as wp
 
@@ -13,6 +15,22 @@ SPINE_TO_RING, REACTION, SYMMETRY, EXPAND, BALANCE, UPRIGHT, CENTRE, DEPTH = ran
 
 BEND_DEGREE = 3
 """Degree in s of the bend that a spine takes on as its natural one (natural curvature, section 3)."""
+
+
+def bend_basis(ns: int, found: Sequence[tuple[int, bool]] = ()) -> np.ndarray:
+    """Orthonormal polynomials in s on the interior nodes of each piece of a spine, 0 elsewhere, shape (ns, BEND_DEGREE + 1).
+
+    `found` as `fields.cuts` returns it. The degree falls with the share of the nodes that a piece has.
+    """
+    basis = np.zeros((ns, BEND_DEGREE + 1))
+    ends = [0, *(k for k, _ in found), *(k + 1 for k, gap in found if gap), ns - 1]
+    inner = np.setdiff1d(np.arange(ns), ends)
+    for run in np.split(inner, np.flatnonzero(np.diff(inner) > 1) + 1):
+        if len(run):
+            degree = min(round(BEND_DEGREE * len(run) / (ns - 2)), len(run) - 1)
+            powers = np.polynomial.legendre.legvander(np.linspace(-1, 1, len(run)), degree)
+            basis[run, : degree + 1] = np.linalg.qr(powers)[0]
+    return basis
 
 
 class Model:
@@ -29,9 +47,20 @@ class Model:
         w1, w2: weights of (2), shape (R,).
         coupling: columns a, reaction, b, c, balance, d, centre, depth, shape (R, 8)
         depth_rest: depth along the line of sight that `depth` holds, shape (R,).
-        bend_basis: orthonormal polynomials in s of each spine, shape (R, BEND_DEGREE + 1).
+        bend_basis: orthonormal polynomials in s on the interior of each piece of a spine, shape (R, BEND_DEGREE + 1).
+        stretch10, stretch01: natural lengths of edges around and along: K, L, most of |dv| - L, shape (N, 3).
+        bound10, bound01, bound1: tension that natural shapes of tube and spine can come to, for matrices alone,
+            shape (N,), (N,), (R,).
+        curvature: natural C20, C11, C02 on the outward normal, shape (N, 3); C11 belongs to a cell as w11 does.
+        spine_stretch: natural length L1 of the spine's edges, below 0 for none, and most of |dv| - L1, shape (R, 2).
+        spine_curvature: 1 where a natural curvature of the spine is given, 0 for its own even bend; and C2, shape (R, 2).
+        ring_first, ring_last, spine_first, spine_last: how far each ring of tube or spine may look back and ahead along s
+            before a discontinuity, shape (R,).
+        look_first, look_last: how far a ring's tangent looks: across creases of the spine, so that rings go over from one
+            side to the other little by little, but not across gaps, shape (R,).
+        shaped, torn: whether any tube has natural lengths or curvatures, and whether any has a gap.
         ring_far: importance for a ring's tangent of the j-th segment of the spine either way, shape (R, WINDOW).
-        k1: tension factor K1 of edges that are too short, shape (K,).
+        k1: tension factor K1 of the spine's edges, shape (R,).
         eyes: cameras in each tube's units, shape (V,) (see `set_cameras`).
         fields: potential of each tube in each view, shape (K, V).
         samples: all potentials' samples, (pull column, pull row, pressure, pressure at a pole) [px].
@@ -78,16 +107,23 @@ class Model:
         )
         self.w1, self.w2 = (wp.zeros(self.rings, dtype=float, device=device) for _ in range(2))
         self.coupling = wp.zeros((self.rings, 8), dtype=float, device=device)
-        basis = np.zeros((self.rings, BEND_DEGREE + 1), np.float32)
-        for k, (_, ns) in enumerate(grids):
-            inner = np.polynomial.legendre.legvander(np.linspace(-1, 1, ns - 2), BEND_DEGREE)
-            basis[self.rings_of(k)][1:-1] = np.linalg.qr(inner)[0]
+        basis = np.concatenate([bend_basis(ns) for _, ns in grids]).astype(np.float32)
         self.bend_basis = wp.array(basis, dtype=float, device=device)
         nearest = np.tile(np.eye(1, int(coupling.WINDOW), dtype=np.float32), (self.rings, 1))
         self.ring_far = wp.array(nearest, dtype=float, device=device)
-        self.k1 = wp.zeros(self.tubes, dtype=float, device=device)
+        self.stretch10, self.stretch01, self.curvature = (
+            wp.zeros(self.nodes, dtype=wp.vec3, device=device) for _ in range(3)
+        )
+        self.bound10, self.bound01 = (wp.zeros(self.nodes, dtype=float, device=device) for _ in range(2))
+        self.bound1 = wp.zeros(self.rings, dtype=float, device=device)
+        self.spine_stretch = wp.full(self.rings, wp.vec2(-1.0, 0.0), dtype=wp.vec2, device=device)
+        self.spine_curvature = wp.zeros(self.rings, dtype=wp.vec2, device=device)
+        self.ring_first, self.spine_first, self.look_first = (ints(np.zeros(self.rings)) for _ in range(3))
+        self.ring_last, self.spine_last, self.look_last = (ints(ns_of - 1) for _ in range(3))
+        self.shaped, self.torn = False, False
+        self.k1 = wp.zeros(self.rings, dtype=float, device=device)
         self.depth_rest = wp.zeros(self.rings, dtype=float, device=device)
-        self.eyes = wp.zeros(views, dtype=projection.Eye, device=device)  # pyright: ignore
+        self.eyes = wp.zeros(max(views, 1), dtype=projection.Eye, device=device)  # pyright: ignore
         self.fields = wp.zeros((self.tubes, views), dtype=image.Field, device=device)  # pyright: ignore
         self.samples = wp.zeros(samples, dtype=wp.vec4, device=device)
 
@@ -98,6 +134,19 @@ class Model:
     def rings_of(self, k: int) -> slice:
         """Rings (spine nodes) of tube k in the flat arrays."""
         return slice(int(self.ring_start[k]), int(self.ring_start[k + 1]))
+
+    def stiffness(self, share: float) -> dict[str, np.ndarray]:
+        """Weights as matrices take them, none below 0: w10, w20, w01, w02, shape (N,), w1 and w2, shape (R,), float64.
+
+        The spine's tension holds that of its least lengths, and all tensions `share` of what natural shapes can make of
+        them: half of that bears any step, the whole bounds what an explicit step meets. What compression makes negative
+        stays outside.
+        """
+        host = {name: getattr(self, name).numpy().astype(float) for name in ("w10", "w20", "w01", "w02", "w1", "w2")}
+        host["w1"] += self.k1.numpy()
+        for edge in ("10", "01", "1"):
+            host["w" + edge] += share * getattr(self, "bound" + edge).numpy()
+        return host
 
     def set_cameras(self, cameras: list[Camera]) -> None:
         """Sets `eyes`; the matrices take points in the model's own units."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .camera import Camera
-from .material import Material
+from .material import Break, Material
 
 
 @dataclass(frozen=True)
@@ -36,6 +36,8 @@ class Tube:
     grid: tuple[int, int] = (25, 25)
     """nodes around, nodes along."""
     material: Material = field(default_factory=Material)
+    breaks: tuple[Break, ...] = ()
+    """discontinuities across the object."""
     not_here: np.ndarray | None = None
     """marks by the user that the object is not here, shape (k, 2), image points (column, row)."""
 

@@ -8,9 +8,11 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import warp as wp
 
-from ..kernels import contour, coupling, elastic, integrate
+from ..kernels import contour, coupling, elastic, integrate, rim
 from .assembly import Assembly
+from .fabric import Fabric
 from .force import add_forces
+from .material import Weight
 from .potential import Potential
 from .problem import Settings, Tube, View
 from .result import ObjectResult, Result, finish
@@ -19,7 +21,7 @@ from .solvers import Solver, make_solver
 __all__ = ["ObjectResult", "Progress", "Result", "reconstruct"]
 
 CHECK = 10
-"""Iterations between two looks at the residual."""
+"""Iterations between two looks at the residual, and at weights that are functions of time."""
 COARSE = 3.0
 """How much more residual a coarse scale may keep: the next scale moves the tube further than that anyway."""
 REST = 2e-4
@@ -49,6 +51,31 @@ class Progress:
         self.iteration, self.total = 0, scene.settings.iterations
         self.stage, self.stages, self.sigma, self.residual = 0, stages, 0.0, float("inf")
 
+    @property
+    def time(self) -> float:
+        """Solver time t: the sum of the time steps dt of all iterations so far, over all stages."""
+        return self.scene.time
+
+    def material(self, k: int = 0, **weights: Weight | None) -> None:
+        """Changes weights of tube k from the next iteration on: `progress.material(0, w2=1e-5)`.
+
+        Args:
+            k: which tube.
+            weights: as in a scene file's [object.material], or functions of `time`.
+
+        Raises:
+            ValueError: no such weight, or a value that does not fit.
+        """
+        self.scene.weights.change(k, weights)
+
+    def shape(self, k: int = 0) -> dict[str, np.ndarray]:
+        """Natural lengths and curvatures that tube k has now: `material(k01=0.1, **shape())` makes it stay as it is.
+
+        Returns:
+            L1 (N_s - 1,), C2 (N_s,), L10, C20, C02 (N_x, N_s), L01, C11 (N_x, N_s - 1), in initial spine lengths.
+        """
+        return self.scene.shape(k)
+
     def tube(self, k: int = 0) -> np.ndarray:
         """Nodes of tube k now, shape (N_x, N_s, 3), world units."""
         return self.scene.world(k)[0]
@@ -59,22 +86,43 @@ class Progress:
 
 
 class Loop:
-    """The iteration, captured as a graph and launched again and again."""
+    """The iteration, captured as a graph and launched again and again.
 
-    def __init__(self, scene: Assembly, careful: bool):
+    Args:
+        scene: model, state, weights and settings, their weights written.
+        careful: by the plain scheme, without acceleration.
+    """
+
+    def __init__(self, scene: Fabric, careful: bool):
         s = scene.settings
         slow, momentum = (1.0, 0.0) if careful else (s.slow, s.momentum)
         self.scene = scene
         self.solver: Solver = make_solver(s.scheme, scene.model, s.step, slow, momentum)
+        self._capture()
+
+    def _capture(self) -> None:
+        scene, s = self.scene, self.scene.settings
+        self.forms = scene.model.shaped, scene.model.torn
+        if scene.model.torn:
+            wp.load_module(rim, device=scene.device)
         with wp.ScopedCapture(device=scene.device, force_module_load=False) as capture:
             add_forces(scene.model, scene.state, s.contour, s.force == "paper", s.tau)
             self.solver.step(scene.state)
         assert capture.graph is not None
         self.graph = capture.graph
 
+    def set_material(self, share: float | None = None) -> None:
+        """Writes the weights anew and makes the factors again that depend on what changed; see `Assembly.set_material`."""
+        changed = self.scene.set_material(share)
+        if changed:
+            self.solver.material_changed(changed)
+        if (self.scene.model.shaped, self.scene.model.torn) != self.forms:
+            self._capture()
+
     def run(self) -> None:
         """One iteration."""
         wp.capture_launch(self.graph)
+        self.scene.time += self.solver.dt
 
     def residual(self) -> float:
         """Residual force of place and radius, root mean square over all rings [initial spine lengths]."""
@@ -138,10 +186,9 @@ def reconstruct(
             scene.deal()
         scene.hold_tangents()
         scene.hold_depth()
-        scene.set_material(max(LEAST_SHARE, (sigmas[0] / lists[0][0]) ** 2))
-        loop.solver.material_changed()
+        loop.set_material(max(LEAST_SHARE, (sigmas[0] / lists[0][0]) ** 2))
         scene.stand_still()
-        start, begun, again = scene.positions(), progress.iteration, False
+        start, start_time, begun, again = scene.positions(), scene.time, progress.iteration, False
         tolerance = settings.tolerance * (1.0 if stage == stages - 1 else COARSE)
         # what earlier scales did not use is left to later ones
         end = progress.iteration + (settings.iterations - progress.iteration) // (stages - stage)
@@ -149,7 +196,7 @@ def reconstruct(
         while progress.iteration < end and not (converged or stopped or diverged):
             if progress.iteration % max(CHECK, settings.iterations // (10 * SNAPSHOTS)) == 0:
                 for k in range(len(tubes)):
-                    history[k].append((*scene.world(k), sigmas[k]))
+                    history[k].append((*scene.world(k), sigmas[k], list(scene.weights.cuts[k])))
             loop.run()
             progress.iteration += 1
             if stage == stages - 1 and (progress.iteration - begun) % LOOK == 0:
@@ -158,6 +205,7 @@ def reconstruct(
             if progress.iteration % CHECK == 0 or progress.iteration == end:
                 progress.residual = loop.residual()
                 converged = progress.residual < tolerance and (stage < stages - 1 or moved < REST)
+                converged &= stage < stages - 1 or scene.weights.settled(scene.time)
                 if converged and stage == stages - 1 and leaps < LEAPS:
                     # what creeps does so for long, by less and less: go where that leads, unless it is here
                     converged = False
@@ -169,15 +217,18 @@ def reconstruct(
                             leaps, moved, trail = leaps + 1, float("inf"), [scene.positions()]
                 if not progress.residual < LOST:
                     scene.rewind(start)
+                    scene.time = start_time
                     diverged, again = again, True
                     loop = Loop(scene, careful=True)
             stopped = bool(callback and callback(progress))
+            if scene.weights.stale or (scene.weights.timed and progress.iteration % CHECK == 0):
+                loop.set_material()
         lap("solve")
         if stopped or diverged:
             break
     objects = []
     for k in range(len(tubes)):
-        history[k].append((*scene.world(k), progress.sigma))
+        history[k].append((*scene.world(k), progress.sigma, list(scene.weights.cuts[k])))
         snapshots = _thinned(history[k])
         objects.append(finish(scene, k, potentials[-1][k], snapshots, progress.iteration, converged, diverged))
     lap("measure")

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from .assembly import Assembly
+from .fields import Cut
 from .measure import contour_support, map_agreement, shape_measures
 from .potential import Potential, PotentialPicture
 from .problem import Settings
@@ -45,8 +46,10 @@ class ObjectResult:
     support: list[np.ndarray]
     """for each piece, which points image data supports, shape (n,), bool."""
     measures: dict[str, Any]
-    history: list[tuple[np.ndarray, np.ndarray, float]]
-    """tube (N_x, N_s, 3), spine (N_s, 3), sigma [px], from the first tube to the last."""
+    history: list[tuple[np.ndarray, np.ndarray, float, list[Cut]]]
+    """tube (N_x, N_s, 3), spine (N_s, 3), sigma [px] and the tube's discontinuities, from the first tube to the last."""
+    cuts: list[Cut] = field(default_factory=list)
+    """the tube's discontinuities at the end, see `fields.cuts`."""
     iterations: int = 0
     converged: bool = True
     trusted: bool = True
@@ -86,9 +89,10 @@ def finish(
         diverged: the solver had to go back to the last good state.
     """
     nodes, spine = scene.world(k)
-    vertices, faces = refine(nodes)
-    measures: dict[str, Any] = shape_measures(nodes, spine)
-    pieces = occluding_contour(nodes, scene.views[0].camera)
+    cuts = list(scene.weights.cuts[k])
+    vertices, faces = refine(nodes, cuts=cuts)
+    measures: dict[str, Any] = shape_measures(nodes, spine, cuts, scene.weights.spine_cuts[k])
+    pieces = occluding_contour(nodes, scene.views[0].camera, cuts)
     space = scene.spaces[k]
     inside = space.inside if scene.settings.potential == "map" else np.zeros((0, 0))
     support = [contour_support(p, n, potential, inside, scene.maps[k].half_width) for p, n in pieces]
@@ -100,7 +104,8 @@ def finish(
         for name, f in (("mean", np.mean), ("p95", lambda x: np.quantile(x, 0.95)), ("max", np.max))
     }
     if scene.settings.potential == "map":
-        measures["map_agreement"], measures["map_certainty"] = map_agreement(nodes, scene.views[0].camera, scene.maps[k])
+        agreement = map_agreement(nodes, scene.views[0].camera, scene.maps[k], cuts)
+        measures["map_agreement"], measures["map_certainty"] = agreement
     points = np.concatenate([p for p, _ in pieces] or [np.zeros((0, 2))])
     before = history[-1 - max(1, len(history) // 10)][0]
     moved = float(np.sqrt(((nodes - before) ** 2).sum(axis=2).mean()))
@@ -117,6 +122,7 @@ def finish(
         support=[s.supported for s in support],
         measures=measures,
         history=history,
+        cuts=cuts,
         iterations=iterations,
         converged=converged,
         trusted=not warnings,

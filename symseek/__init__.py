@@ -11,13 +11,16 @@ if TYPE_CHECKING:
     from .checks import SceneError
     from .pipeline import Result, reconstruct, run
     from .scene import Scene, load
+    from .sim.body import Body
     from .sim.camera import Camera
-    from .sim.material import Material
+    from .sim.material import Break, Material
     from .sim.problem import Settings, Tube, View
 
 __version__ = "0.1.0"
 
 __all__ = [
+    "Body",
+    "Break",
     "Camera",
     "Material",
     "Result",
@@ -40,6 +43,8 @@ _HOMES = {
     "Scene": "scene",
     "load": "scene",
     "Camera": "sim.camera",
+    "Body": "sim.body",
+    "Break": "sim.material",
     "Material": "sim.material",
     "Settings": "sim.problem",
     "Tube": "sim.problem",

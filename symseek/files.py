@@ -8,7 +8,7 @@ import math
 import os
 import platform
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -27,6 +27,7 @@ from .render.platform import RenderError
 from .render.video import write_mp4
 from .scene import METRES
 from .sim.camera import Camera
+from .sim.fields import Cut
 from .sim.problem import Tube, View
 from .sim.surface import occluding_contour, refine, wire
 
@@ -123,7 +124,7 @@ def _write_pictures(result: Result, folder: Path) -> None:
     result.skipped |= {f"{name}.png": ASTRAY for name in ("overlay", "views") if astray and getattr(want, name)}
     if want.overlay and not astray:
         drawings = [
-            _drawing(tube, view.camera, o.tube[0], o.spine[0], o.contour, o.support)
+            _drawing(tube, view.camera, o.tube[0], o.spine[0], o.contour, o.support, o.cuts)
             for tube, o in zip(result.scene.tubes, result.objects, strict=True)
         ]
         write_picture(folder / "overlay.png", draw_overlay(view.image, drawings))
@@ -135,7 +136,7 @@ def _write_pictures(result: Result, folder: Path) -> None:
     if want.views and not astray:
         colours = (COLOURS[k % len(COLOURS)] for k in range(len(result.objects)))
         meshes = [(o.vertices, o.faces, colour) for o, colour in zip(result.objects, colours, strict=True)]
-        wires = [line for o in result.objects for line in wire(o.tube[0])]
+        wires = [line for o in result.objects for line in wire(o.tube[0], cuts=o.cuts)]
         try:
             sheet = views_sheet(meshes, wires, front(view.camera, result.objects[0].spine[0].mean(axis=0)))
             write_picture(folder / "views.png", sheet)
@@ -147,7 +148,7 @@ def _write_video(result: Result, path: Path) -> None:
     view, fps = result.scene.views[0], result.scene.output.video_fps
     # a run that went astray may have states that no picture can hold
     states = zip(*(o.history for o in result.objects), strict=True)
-    fit = [i for i, each in enumerate(states) if all(in_reach(view, nodes) for nodes, _, _ in each)]
+    fit = [i for i, each in enumerate(states) if all(in_reach(view, nodes) for nodes, *_ in each)]
     if not fit:
         result.skipped[path.name] = ASTRAY
         return
@@ -172,16 +173,18 @@ def _snapshot(result: Result, i: int) -> Snapshot:
     camera = result.scene.views[0].camera
     states = [o.history[i] for o in result.objects]
     drawings = []
-    for tube, (nodes, spine, _) in zip(result.scene.tubes, states, strict=True):
-        contour = [points for points, _ in occluding_contour(nodes, camera)]
-        drawings.append(_drawing(tube, camera, nodes, spine, contour, ()))
-    meshes = [refine(nodes, 64, 3 * nodes.shape[1]) for nodes, _, _ in states]
+    for tube, (nodes, spine, _, cuts) in zip(result.scene.tubes, states, strict=True):
+        contour = [points for points, _ in occluding_contour(nodes, camera, cuts)]
+        drawings.append(_drawing(tube, camera, nodes, spine, contour, (), cuts))
+    meshes = [refine(nodes, 64, 3 * nodes.shape[1], cuts) for nodes, _, _, cuts in states]
     return Snapshot(drawings, meshes, f"sigma {states[0][2]:.3g} px")
 
 
-def _drawing(tube: Tube, camera: Camera, nodes: np.ndarray, spine: np.ndarray, contour: Any, support: Any) -> Drawing:
+def _drawing(
+    tube: Tube, camera: Camera, nodes: np.ndarray, spine: np.ndarray, contour: Any, support: Any, cuts: Sequence[Cut]
+) -> Drawing:
     given = tube.spine if tube.spine.shape[1] == 2 else camera.project(tube.spine)
-    wires = [camera.project(line) for line in wire(nodes)]
+    wires = [camera.project(line) for line in wire(nodes, cuts=cuts)]
     return Drawing(wires, contour, support, given, camera.project(spine))
 
 
@@ -197,7 +200,8 @@ def _record(result: Result, names: list[str]) -> dict[str, Any]:
             "iterations": o.iterations,
             **o.measures,
             "grid": tube.grid,
-            "material": dataclasses.asdict(tube.material),
+            "material": {f.name: getattr(tube.material, f.name) for f in dataclasses.fields(tube.material)},
+            "break": [dataclasses.asdict(b) for b in tube.breaks],
         }
     return plain(
         {
@@ -240,7 +244,7 @@ def _record(result: Result, names: list[str]) -> dict[str, Any]:
 
 
 def plain(value: Any) -> Any:
-    """A value as JSON knows it: arrays as lists, what is not finite as null."""
+    """A value as JSON knows it: arrays as lists, what is not finite as null, a function as that word."""
     if isinstance(value, Mapping):
         return {str(k): plain(v) for k, v in value.items()}
     if isinstance(value, np.ndarray | np.generic):
@@ -249,4 +253,6 @@ def plain(value: Any) -> Any:
         return [plain(v) for v in value]
     if isinstance(value, float) and not math.isfinite(value):
         return None
+    if callable(value):
+        return "function"
     return value

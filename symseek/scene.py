@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 import tomllib
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -16,8 +16,8 @@ from . import images
 from .checks import Bounds, SceneError, Table, shown, suggest
 from .override import apply
 from .sim.camera import Camera
-from .sim.material import Material
 from .sim.problem import Settings, Tube, View
+from .weights import breaks_of, material_of
 
 METRES = {"px": 1e-3, "um": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "km": 1e3, "in": 0.0254, "ft": 0.3048}
 """Units of the world in metres, in which GLB is written; there a pixel counts as a millimetre."""
@@ -41,11 +41,10 @@ SETTINGS_BOUNDS: Bounds = {
     "slow": (1.0, 1000.0),
     "momentum": (0.0, 0.95),
 }
-MATERIAL_BOUNDS: Bounds = {f.name: (0.0, 1e6) for f in fields(Material) if f.name not in ("c", "closed")}
 
 TOP_KEYS = ["name", "units", "scale", "view", "object", "solver", "output"]
 VIEW_KEYS = ["name", "image", "frames", "projection", "alpha", "K", "R", "t", "P", "ignore"]
-OBJECT_KEYS = ["name", "spine", "radius", "depth", "grid", "material", "not_here"]
+OBJECT_KEYS = ["name", "spine", "radius", "depth", "grid", "material", "break", "not_here"]
 PROJECTION_KEYS = {"orthographic": [], "stereo": ["alpha"], "perspective": ["K", "R", "t"], "matrix": ["P"]}
 
 
@@ -293,9 +292,10 @@ def _tube(table: Table, view: View, scale: float, default_name: str | None) -> T
     if len(table.take("not_here", [])):
         not_here = table.array("not_here", (None, 2), "a list of image points")
         _inside(table, "not_here", not_here, view.image)
+    height, width = view.image.shape[:2]
     return Tube(
-        name=name, spine=spine, radius=radius, depth=depth, grid=(grid[0], grid[1]),
-        material=table.fields("material", Material(), MATERIAL_BOUNDS), not_here=not_here,
+        name=name, spine=spine, radius=radius, depth=depth, grid=(grid[0], grid[1]), not_here=not_here,
+        material=material_of(table, (grid[0], grid[1])), breaks=breaks_of(table, grid[1], (height, width)),
     )  # fmt: skip
 
 

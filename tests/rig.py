@@ -47,7 +47,7 @@ class Rig:
                 coupling[:, COLUMNS[name]] = value
             else:
                 array = getattr(m, name)
-                array.assign(np.broadcast_to(np.asarray(value, np.float32), array.shape))
+                array.assign(np.broadcast_to(np.asarray(value, np.float32), array.numpy().shape))
         m.coupling.assign(coupling)
         self.state = s = State(m)
         s.tube.assign(np.concatenate([np.reshape(tube, (-1, 3)) for tube, _ in pairs]).astype(np.float32))
@@ -124,4 +124,4 @@ def meridian_crossings(
 ):
     """Sets the contour's crossing on each node's edge to the next ring; any point where there is none."""
     i = wp.tid()
-    position_out[i] = contour.along_meridian(tube, normal, facing, i, n, i // n, ns).position  # pyright: ignore
+    position_out[i] = contour.along_meridian(tube, normal, facing, i, n, i // n, 0, ns - 1).position  # pyright: ignore

@@ -244,7 +244,7 @@ def test_a_model_gone_astray_is_recorded_without_pictures(wild, result, tmp_path
     o = result.objects[0]
     o.tube = o.tube * wild
     o.vertices = o.vertices * wild
-    o.history = [(tube * wild, spine, sigma) for tube, spine, sigma in o.history]
+    o.history = [(tube * wild, *rest) for tube, *rest in o.history]
     o.measures["volume"] = wild
     written = {f.name for f in result.save(tmp_path)}
     assert written == ALL - {"overlay.png", "views.png", "reconstruction.mp4"} == {f.name for f in tmp_path.iterdir()}

@@ -6,6 +6,7 @@ import pytest
 from benchmarks import rest, truth
 from symseek.scenes.synthetic import Sample, make
 from symseek.sim.camera import Camera
+from symseek.sim.material import Material
 from symseek.sim.problem import Settings, Tube, View
 from symseek.sim.reconstruct import LONGEST, ObjectResult, limit, reconstruct
 
@@ -51,11 +52,11 @@ def test_result_is_whole(pear):
     assert pear.tube.shape == (1, 25, 25, 3) and pear.spine.shape == (1, 25, 3)
     assert pear.velocity.shape == pear.tube.shape and not pear.velocity.any()
     assert len(pear.history) <= 120
-    tube, spine, sigma = pear.history[-1]
+    tube, spine, sigma, cuts = pear.history[-1]
     np.testing.assert_array_equal(tube, pear.tube[0])
     np.testing.assert_array_equal(spine, pear.spine[0])
     sigmas = [h[2] for h in pear.history]
-    assert sigmas == sorted(sigmas, reverse=True) and sigma < sigmas[0]
+    assert sigmas == sorted(sigmas, reverse=True) and sigma < sigmas[0] and not cuts
     assert [len(p) for p in pear.contour] == [len(s) for s in pear.support]
     for values in (pear.tube, pear.spine, pear.vertices, *pear.contour):
         assert np.all(np.isfinite(values))
@@ -81,6 +82,23 @@ def test_callback_sees_each_iteration_and_stops(sample):
     np.testing.assert_array_equal(seen[-1][1], stopped.tube[0])
     assert seen[0][1].shape == (25, 25, 3) and np.abs(seen[-1][1] - seen[0][1]).max() > 1
     assert seen[0][2] > 0
+
+
+def test_weights_change_while_a_run_goes_on(pear, sample):
+    """From the callback: what is no weight is refused, what is one leads where it would have led from the start."""
+    stiff = {"w20": 3e-3, "w02": list(np.linspace(5e-5, 2e-4, 25))}
+    fresh = reconstruct([View(sample.image)], [Tube(sample.clicks, material=Material(**stiff))]).objects[0]
+
+    def callback(progress):
+        if progress.iteration == 100:
+            assert progress.time == pytest.approx(100 * 0.4)
+            with pytest.raises(ValueError, match=r"material.w20: -1 does not fit; it must be from 0"):
+                progress.material(0, w20=-1)
+            progress.material(0, **stiff)
+
+    live = _solve(sample.image, sample.clicks, callback=callback)
+    assert _apart((live.vertices, live.faces), (fresh.vertices, fresh.faces), sample) < 0.05
+    assert _apart((pear.vertices, pear.faces), (fresh.vertices, fresh.faces), sample) > 0.3
 
 
 TURNS = {

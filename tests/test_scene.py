@@ -26,8 +26,18 @@ radius = 4.0
 depth = -2.0
 grid = [12, 20]
 not_here = [[3, 4]]
+[[object.break]]
+at = 0.3
+order = "tangent"
+of = "spine"
+[[object.break]]
+at = [40, 30]
+time = 12
 [object.material]
 w20 = 2e-4
+w2 = [1e-6, 2e-6]
+k01 = { times = [0, 10], values = [0.0, [0.1, 0.2]] }
+L01 = 1.1
 [[object]]
 name = "right"
 spine = [[10, 15, 1], [30, 15, 2]]
@@ -59,7 +69,10 @@ def test_every_key_arrives(folder):
     np.testing.assert_allclose(view.camera.project(np.array([10.0, 20.0, 7.0])), [20, 40])
     left, right = scene.tubes
     assert (left.name, left.radius, left.depth, left.grid) == ("left", 4.0, -2.0, (12, 20))
-    assert left.material == symseek.Material(w20=2e-4) and right.material == symseek.Material()
+    growing = {"times": [0, 10], "values": [0.0, [0.1, 0.2]]}
+    assert left.material == symseek.Material(w20=2e-4, w2=[1e-6, 2e-6], k01=growing, L01=1.1)
+    assert right.material == symseek.Material() and right.breaks == ()
+    assert left.breaks == (symseek.Break(0.3, "tangent", "spine"), symseek.Break((40.0, 30.0), time=12.0))
     np.testing.assert_array_equal(left.not_here, [[3, 4]])
     assert left.spine.shape == (3, 2) and right.spine.shape == (2, 3) and right.radius is None
     assert scene.settings == symseek.Settings(scheme="euler", sigmas=(8.0, 4.0))
@@ -150,15 +163,14 @@ def test_public_names():
 
 
 def test_settings_have_bounds_that_their_defaults_keep():
-    from symseek.scene import MATERIAL_BOUNDS, SETTINGS_BOUNDS
+    from symseek.scene import SETTINGS_BOUNDS
 
-    for bounds, default in ((SETTINGS_BOUNDS, symseek.Settings()), (MATERIAL_BOUNDS, symseek.Material())):
-        for name, bound in bounds.items():
-            value = getattr(default, name)
-            if isinstance(value, str):
-                assert value in bound
-            elif value is not None:
-                assert bound[0] <= value <= bound[1]
+    for name, bound in SETTINGS_BOUNDS.items():
+        value = getattr(symseek.Settings(), name)
+        if isinstance(value, str):
+            assert value in bound
+        elif value is not None:
+            assert bound[0] <= value <= bound[1]
     assert set(SETTINGS_BOUNDS) == {f.name for f in dataclasses.fields(symseek.Settings)}
 
 

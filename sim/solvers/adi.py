@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import numpy as np
 import warp as wp
 
 from ...kernels import integrate
 from ..model import SPINE_TO_RING, SYMMETRY, Model, State
-from .base import Solver, end_mass
+from .base import ALONG, AROUND, SPINE, Solver, end_mass, slow_mean, touches
 from .factor import cyclic_bands, factor_cyclic, factor_open, open_bands
 
 HELD = 1e6
@@ -26,37 +28,69 @@ class SolverADI(Solver):
 
         self.x_factor = {"factor": zeros(n, wp.vec3), "border": zeros(n, wp.vec2), "corner": zeros(r, wp.vec3)}
         self.s_factor, self.low_factor = zeros(n, wp.vec3), zeros(4 * r, wp.vec3)
+        self._low = np.zeros((4, r, 3))
         super().__init__(model, dt, slow, momentum)
 
-    def material_changed(self) -> None:
-        super().material_changed()
+    def material_changed(self, changed: Collection[str] | None = None) -> None:
+        super().material_changed(changed)
+        host, coupling = self.model.stiffness(0.5), self.model.coupling.numpy().astype(float)
+        if touches(changed, AROUND | {"b"}):
+            self._factor_rings(host, coupling)
+        if touches(changed, ALONG):
+            self._factor_meridians(host)
+        low = touches(changed, ALONG | {"reaction", "b", "depth"})
+        if low:
+            self._factor_slow(host)
+        spine = touches(changed, SPINE | {"a"})
+        if spine:
+            self._factor_spine(host, coupling)
+        if low or spine:
+            self.low_factor.assign(self._low.reshape(-1, 3).astype(np.float32))
+
+    def _grid(self, host: dict[str, np.ndarray], name: str, k: int) -> np.ndarray:
+        """A weight of tube k, shape (ns, nx)."""
+        nx, ns = self.model.grids[k]
+        return host[name][self.model.nodes_of(k)].reshape(ns, nx)
+
+    def _factor_rings(self, host: dict[str, np.ndarray], coupling: np.ndarray) -> None:
         m = self.model
-        host = {k: getattr(m, k).numpy().astype(float) for k in ("w10", "w20", "w01", "w02", "w1", "w2")}
-        coupling = m.coupling.numpy().astype(float)
-        tie, k1 = self.tie(), m.k1.numpy()
         x = {"factor": np.zeros((m.nodes, 3)), "border": np.zeros((m.nodes, 2)), "corner": np.zeros((m.rings, 3))}
-        s, low = np.zeros((m.nodes, 3)), np.zeros((4, m.rings, 3))
-        for k, (nx, ns) in enumerate(m.grids):
+        for k, (nx, _) in enumerate(m.grids):
             nodes, rings = m.nodes_of(k), m.rings_of(k)
-            closed = bool(m.host_ring_closed[rings][0])
-            grid = {key: host[key][nodes].reshape(ns, nx) for key in ("w10", "w20", "w01", "w02")}
             # symmetry (8) acts on what a ring has beyond its slow modes, so it is taken implicitly too
-            diagonal, first, second = cyclic_bands(grid["w10"], grid["w20"], 1 / nx)
+            diagonal, first, second = cyclic_bands(self._grid(host, "w10", k), self._grid(host, "w20", k), 1 / nx)
             b = coupling[rings, SYMMETRY][:, None]
             factors = factor_cyclic(1 + self.dt * (diagonal + b), self.dt * first, self.dt * second)
             x["factor"][nodes], x["border"][nodes] = factors["factor"].reshape(-1, 3), factors["border"].reshape(-1, 2)
             x["corner"][rings] = factors["corner"]
-            s[nodes] = self._along(grid["w01"].T, grid["w02"].T, self.dt, closed).transpose(1, 0, 2).reshape(-1, 3)
-            tension, rigidity = grid["w01"].mean(1)[None], grid["w02"].mean(1)[None]
-            low[0, rings] = self._along(tension, rigidity, self.slow_dt, False, extra=tie[rings])[0]
-            low[1:3, rings] = self._along(tension, rigidity, self.slow_dt, closed)[0]
-            a = coupling[rings, SPINE_TO_RING]
-            spine = self._along(host["w1"][rings][None] + k1[k], host["w2"][rings][None], self.spine_dt, False, extra=a)
-            low[3, rings] = spine[0]
         for key, array in self.x_factor.items():
             array.assign(x[key].astype(np.float32))
+
+    def _factor_meridians(self, host: dict[str, np.ndarray]) -> None:
+        s = np.zeros((self.model.nodes, 3))
+        for k in range(self.model.tubes):
+            tension, rigidity = self._grid(host, "w01", k).T, self._grid(host, "w02", k).T
+            factors = self._along(tension, rigidity, self.dt, self._closed(k))
+            s[self.model.nodes_of(k)] = factors.transpose(1, 0, 2).reshape(-1, 3)
         self.s_factor.assign(s.astype(np.float32))
-        self.low_factor.assign(low.reshape(-1, 3).astype(np.float32))
+
+    def _factor_slow(self, host: dict[str, np.ndarray]) -> None:
+        tie = self.tie()
+        for k in range(self.model.tubes):
+            rings = self.model.rings_of(k)
+            tension, rigidity = (slow_mean(self._grid(host, name, k))[None] for name in ("w01", "w02"))
+            self._low[0, rings] = self._along(tension, rigidity, self.slow_dt, False, extra=tie[rings])[0]
+            self._low[1:3, rings] = self._along(tension, rigidity, self.slow_dt, self._closed(k))[0]
+
+    def _factor_spine(self, host: dict[str, np.ndarray], coupling: np.ndarray) -> None:
+        for k in range(self.model.tubes):
+            rings = self.model.rings_of(k)
+            a = coupling[rings, SPINE_TO_RING]
+            spine = self._along(host["w1"][rings][None], host["w2"][rings][None], self.spine_dt, False, extra=a)
+            self._low[3, rings] = spine[0]
+
+    def _closed(self, k: int) -> bool:
+        return bool(self.model.host_ring_closed[self.model.rings_of(k)][0])
 
     @staticmethod
     def _along(

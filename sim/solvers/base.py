@@ -2,11 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import numpy as np
 import warp as wp
 
 from ...kernels import integrate
 from ..model import DEPTH, REACTION, SYMMETRY, UPRIGHT, Model, State
+
+AROUND = frozenset({"w10", "w20", "bound10"})
+ALONG = frozenset({"w01", "w02", "bound01"})
+SPINE = frozenset({"w1", "w2", "k1", "bound1"})
+"""Arrays of the model that make the stiffness of rings, of meridians and of the spine."""
+
+
+def touches(changed: Collection[str] | None, names: frozenset[str]) -> bool:
+    """Whether any of `names` is among what changed; None: everything did."""
+    return changed is None or not names.isdisjoint(changed)
 
 
 class Solver:
@@ -34,18 +46,20 @@ class Solver:
         steps = np.array([self.dt, self.slow_dt, self.spine_dt], np.float32)
         self.step_size.assign(np.tile(steps, (self.model.tubes, 1)))
 
-    def material_changed(self) -> None:
-        """Makes the factors again; to be called after weights of the model changed."""
+    def material_changed(self, changed: Collection[str] | None = None) -> None:
+        """Makes the factors again; to be called after weights of the model changed.
+
+        Args:
+            changed: names as `Weights.write` returns them; None: all. What does not depend on them is kept.
+        """
+        if not touches(changed, AROUND | {"b", "d"}):
+            return
         stiffness = np.zeros(self.model.rings)
-        w10, w20 = self.model.w10.numpy(), self.model.w20.numpy()
-        node_ring = self.model.node_ring.numpy()
-        count = np.bincount(node_ring, minlength=self.model.rings)
-        for k, (nx, _) in enumerate(self.model.grids):
+        host = self.model.stiffness(0.5)
+        for k, (nx, ns) in enumerate(self.model.grids):
             lap = (2 * np.sin(np.pi / nx) * nx) ** 2
-            for w, factor in ((w10, lap), (w20, lap**2)):
-                mean = np.bincount(node_ring, w, self.model.rings) / count
-                rows = self.model.rings_of(k)
-                stiffness[rows] += factor * mean[rows]
+            for w, factor in ((host["w10"], lap), (host["w20"], lap**2)):
+                stiffness[self.model.rings_of(k)] += factor * slow_mean(w[self.model.nodes_of(k)].reshape(ns, nx))
         coupling = self.model.coupling.numpy()
         stiffness += 0.5 * coupling[:, SYMMETRY] + coupling[:, UPRIGHT]
         self.first_mode.assign(stiffness.astype(np.float32))
@@ -94,3 +108,9 @@ def end_mass(ns: int) -> np.ndarray:
     m = np.ones(ns)
     m[0] = m[-1] = 0.5
     return m
+
+
+def slow_mean(weight: np.ndarray) -> np.ndarray:
+    """What a ring's modes k = 0, +-1 meet of an uneven weight, shape (ns, nx): its mean, and at most twice that."""
+    mean = weight[:, 0] + (weight - weight[:, :1]).mean(axis=1)
+    return np.minimum(weight.max(axis=1), 2 * mean)

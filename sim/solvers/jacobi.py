@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import numpy as np
 import warp as wp
 
@@ -19,8 +21,8 @@ class SolverJacobi(Solver):
         self.low_inverse = wp.zeros(4 * model.rings, dtype=float, device=model.device)
         super().__init__(model, dt, slow, momentum)
 
-    def material_changed(self) -> None:
-        super().material_changed()
+    def material_changed(self, changed: Collection[str] | None = None) -> None:
+        super().material_changed(changed)
         inverse, low = self.diagonals()
         self.inverse.assign(inverse.astype(np.float32))
         self.low_inverse.assign(low.reshape(-1).astype(np.float32))
@@ -29,8 +31,7 @@ class SolverJacobi(Solver):
         """Bound of each node's and each slow line's stiffness: twice its diagonal, the sum of a row of |K|."""
         m = self.model
         coupling = m.coupling.numpy().astype(float)
-        host = {k: getattr(m, k).numpy().astype(float) for k in ("w10", "w20", "w01", "w02", "w1", "w2")}
-        k1 = m.k1.numpy()
+        host = m.stiffness(1.0)
         node, low = np.zeros(m.nodes), np.zeros((4, m.rings))
         for k, (nx, ns) in enumerate(m.grids):
             nodes, rings = m.nodes_of(k), m.rings_of(k)
@@ -42,7 +43,7 @@ class SolverJacobi(Solver):
             low[:3, rings] = along.max(axis=1)
             low[0, rings] += 2 * self.tie()[rings]
             spine = row_sum(
-                open_bands(host["w1"][rings][None] + k1[k], host["w2"][rings][None], 1 / (ns - 1)),
+                open_bands(host["w1"][rings][None], host["w2"][rings][None], 1 / (ns - 1)),
                 cyclic=False,
             )[0]
             low[3, rings] = spine / end_mass(ns) + coupling[rings, SPINE_TO_RING]
