@@ -160,6 +160,28 @@ def _histogram(cells: np.ndarray, chosen: np.ndarray, channels: int) -> np.ndarr
     return counts / max(counts.sum(), 1e-9)
 
 
+def filled(x: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Samples (h, w, channels) with those that are not known like the nearest that are: no edge may part them."""
+    near = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
+    assert near is not None
+    return x[near[0], near[1]]
+
+
+def colour_cells(x: np.ndarray) -> np.ndarray:
+    """Cell of the histogram that each sample of (h, w, channels) falls into, shape (h, w)."""
+    channels = x.shape[2]
+    bins = BINS[channels]
+    low, high = x.min((0, 1)), x.max((0, 1))
+    q = np.clip(((x - low) / (high - low + 1e-6) * bins).astype(int), 0, bins - 1)
+    return np.asarray(np.ravel_multi_index(tuple(q[..., i] for i in range(channels)), (bins,) * channels))
+
+
+def likelihood(cells: np.ndarray, mine: np.ndarray, known: np.ndarray, channels: int) -> np.ndarray:
+    """Log likelihood ratio of each sample's colour: of what is mine over what is not, by what is known; shape (h, w)."""
+    fore, back = _histogram(cells, mine & known, channels), _histogram(cells, ~mine & known, channels)
+    return np.log((fore[cells] + 1e-7) / (back[cells] + 1e-7))
+
+
 def _at_axis(inside: np.ndarray, axis: np.ndarray) -> np.ndarray:
     """The part of inside > 0.5 that holds the axis."""
     labels = np.asarray(measure.label(inside > 0.5, connectivity=1))
@@ -202,10 +224,7 @@ def foreground(
     known = np.ones(shape, bool)
     if ignore is not None:
         known = resample((~ignore).astype(np.float32), lo, step, shape) > 0.5
-        # no edge may part what is not looked at from its neighbours
-        near = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
-        assert near is not None
-        x = x[near[0], near[1]]
+        x = filled(x, known)
     line = (curve - lo) / step
     rows, cols = np.mgrid[: shape[0], : shape[1]]
     off, place = _from_axis(line, shape)
@@ -216,17 +235,13 @@ def foreground(
             far |= np.hypot(cols - p[0], rows - p[1]) <= 0.02 * AXIS
     core &= ~far
     channels = x.shape[2]
-    bins = BINS[channels]
-    low, high = x.min((0, 1)), x.max((0, 1))
-    q = np.clip(((x - low) / (high - low + 1e-6) * bins).astype(int), 0, bins - 1)
-    cells = np.asarray(np.ravel_multi_index(tuple(q[..., i] for i in range(channels)), (bins,) * channels))
+    cells = colour_cells(x)
     walk = _walk(x)
     inside = core.astype(float)
     mine, centre = core, line
     reach = np.full(len(line), np.inf)
     for again in range(ROUNDS):
-        fore, back = _histogram(cells, mine & known, channels), _histogram(cells, ~mine & known, channels)
-        ratio = np.log((fore[cells] + 1e-7) / (back[cells] + 1e-7))
+        ratio = likelihood(cells, mine, known, channels)
         odds = np.clip(0.5 * ratio, -6, 6)
         depth = np.zeros(shape)
         if again:
