@@ -45,10 +45,7 @@ class Assembly:
 
     def _own_camera(self, camera: Camera) -> Camera:
         """A camera that takes points in the model's units."""
-        change = np.eye(4)
-        change[:3, :3] *= self.unit
-        change[:3, 3] = self.origin
-        return Camera(camera.matrix @ change)
+        return camera.in_units(self.unit, self.origin)
 
     def _start(self) -> None:
         tube_flat, spine_flat = np.zeros((self.model.nodes, 3)), np.zeros((self.model.rings, 3))
