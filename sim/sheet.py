@@ -1,0 +1,400 @@
+"""Snakes and open sheets laid out for the solver, and their step: grids that are open along s, closed or cut around x.
+
+A model of its own beside `sim.model`, with its names, so that kernels and factors serve both: a sheet has no spine, no rings
+that stay together and no occluding contour, and each object has its own unit of length and its own eyes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import warp as wp
+from scipy.interpolate import CubicSpline
+
+from ..kernels import image as image_kernels
+from ..kernels import integrate, projection
+from ..kernels import sheet as kernels
+from .camera import Camera
+from .foreground import length_of
+from .initial import lift
+from .model import eye_of
+from .potential import Potential, ScaleSpace
+from .problem import Settings, Sheet, SheetMaterial, Snake, SnakeMaterial, View
+from .region import no_map, region_map
+from .solvers.adi import SolverADI
+from .solvers.base import end_mass
+from .solvers.factor import cyclic_bands, factor_cyclic
+from .spring import Body, Springs
+
+STEP = 2.0
+"""Time step of what the image holds: its own stiffness, taken implicitly, makes that two thirds of the way."""
+
+
+class Sheets:
+    """Model, state, potentials and springs of snakes and sheets; world units or image px outside, own units within.
+
+    Attributes of the model are those of `sim.model.Model` where they share a name; besides (P objects, C outline nodes):
+        step: hx, hs, shape (P, 2); hs of a snake is 1.
+        mass: share of a cell along x and s that belongs to a node, shape (N, 2).
+        load: even force per unit of (x, s), shape (P, 3).
+        outline: node, the one before, the one after, shape (C, 3); outline_tube: its object, shape (C,).
+    """
+
+    def __init__(self, views: list[View], objects: list[Snake | Sheet], settings: Settings, device: str):
+        self.views, self.objects, self.settings, self.device = views, objects, settings, device
+        self.grids = [(o.nodes, 1) if isinstance(o, Snake) else o.grid for o in objects]
+        self.round = [isinstance(o, Snake) and o.closed for o in objects]
+        self.node_start = np.concatenate([[0], np.cumsum([nx * ns for nx, ns in self.grids])])
+        self.ring_start = np.concatenate([[0], np.cumsum([ns for _, ns in self.grids])])
+        self.nodes, self.rings = int(self.node_start[-1]), int(self.ring_start[-1])
+        self.spacing = [
+            (1 / nx if closed else 1 / (nx - 1), 1 / (ns - 1) if ns > 1 else 1.0)
+            for (nx, ns), closed in zip(self.grids, self.round, strict=True)
+        ]
+        first = [self._first(o) for o in objects]
+        self.units = [length_of(v[:, 0]) if v.shape[1] == 1 else _size(v) for v in first]
+        self.origins = [v.reshape(-1, 3).mean(axis=0) for v in first]
+        px = Camera.orthographic()
+        self.cameras = [
+            (px if isinstance(o, Snake) else views[0].camera).in_units(u, c)
+            for o, u, c in zip(objects, self.units, self.origins, strict=True)
+        ]
+        self.spaces = [self._space(o, v) for o, v in zip(objects, first, strict=True)]
+        self._lay_out()
+        self._place([(v - c) / u for v, u, c in zip(first, self.units, self.origins, strict=True)])
+        bodies = [
+            Body(list(o.springs), int(self.node_start[k]), self.grids[k], self.round[k], self.spacing[k],
+                 self.units[k], self.origins[k], self.cameras[k], k)
+            for k, o in enumerate(objects)
+        ]  # fmt: skip
+        self.springs = Springs(bodies, self.mass.numpy().prod(axis=1), device)
+        self.image_hold = np.zeros(self.nodes)
+        self.set_material(1.0)
+
+    def _first(self, o: Snake | Sheet) -> np.ndarray:
+        """First nodes (N_x, N_s, 3): of a snake image px, of a sheet in the world."""
+        if isinstance(o, Snake):
+            points = oriented(np.asarray(o.points, float)) if o.closed else np.asarray(o.points, float)
+            line = np.concatenate([points, points[:1]]) if o.closed else points
+            t = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+            want = np.linspace(0, t[-1], o.nodes, endpoint=not o.closed)
+            return np.stack([np.interp(want, t, line[:, 0]), np.interp(want, t, line[:, 1]), 0 * want], axis=1)[:, None]
+        corners = np.asarray(o.corners, float)
+        if corners.shape[1] == 2:
+            corners = lift(corners, self.views[0].camera, o.depth)
+        a, b, c, d = corners
+        x, s = (np.linspace(0, 1, n) for n in o.grid)
+        x, s = x[:, None, None], s[None, :, None]
+        return (1 - s) * ((1 - x) * a + x * b) + s * ((1 - x) * d + x * c)
+
+    def _space(self, o: Snake | Sheet, first: np.ndarray) -> ScaleSpace | None:
+        """Potentials of the outline; of an open snake those of plain edges, in all colours."""
+        view = self.views[0]
+        if isinstance(o, Sheet):
+            if not o.image:
+                return None
+            border = first.transpose(1, 0, 2).reshape(-1, 3)[_border(*o.grid)]
+            points, closed, camera = view.camera.project(border), True, view.camera
+        else:
+            points, closed, camera = first[:, 0, :2], o.closed, Camera.orthographic()
+        if closed and self.settings.potential == "map":
+            return ScaleSpace(view, camera, region_map(view.image, points, view.ignore, o.not_here), self.settings)
+        plain = self.settings if closed else replace(self.settings, potential="edges")
+        return ScaleSpace(view, camera, no_map(view.image, points), plain)
+
+    def _lay_out(self) -> None:
+        ring_tube = np.repeat(np.arange(len(self.grids)), [ns for _, ns in self.grids])
+        ring_nx = np.array([nx for nx, _ in self.grids])[ring_tube]
+        deep = [k for k, (_, ns) in enumerate(self.grids) if ns > 1]
+        mass, outline = [], []
+        for k, (nx, ns) in enumerate(self.grids):
+            along = end_mass(ns) if ns > 1 else np.ones(1)
+            around = np.ones(nx) if self.round[k] else end_mass(nx)
+            mass.append(np.stack([np.tile(around, ns), np.repeat(along, nx)], axis=1))
+            at, ring = int(self.node_start[k]), np.arange(nx)
+            if ns > 1:
+                ring = _border(nx, ns)
+            if self.spaces[k] is None:
+                continue
+            before, after = np.roll(ring, 1), np.roll(ring, -1)
+            if ns == 1 and not self.round[k]:
+                before[0], after[-1] = ring[0], ring[-1]
+            if ns > 1 and not self._clockwise(k):
+                before, after = after, before
+            outline.append(np.column_stack([at + ring, at + before, at + after, np.full(len(ring), k)]))
+        lines = np.concatenate(outline or [np.zeros((0, 4), int)])
+
+        def ints(a: np.ndarray | list) -> wp.array:
+            return wp.array(np.ascontiguousarray(a, np.int32), dtype=int, device=self.device)
+
+        def vectors(n: int) -> wp.array:
+            return wp.zeros(n, dtype=wp.vec3, device=self.device)
+
+        def scalars(n: int) -> wp.array:
+            return wp.zeros(n, dtype=float, device=self.device)
+
+        self.node_ring, self.ring_tube = ints(np.repeat(np.arange(self.rings), ring_nx)), ints(ring_tube)
+        self.ring_node = ints(np.concatenate([[0], np.cumsum(ring_nx)])[:-1])
+        self.ring_s = ints(np.concatenate([np.arange(ns) for _, ns in self.grids]))
+        self.ring_closed = ints(np.zeros(self.rings))
+        self.tube_nx, self.tube_ns = ints([g[0] for g in self.grids]), ints([g[1] for g in self.grids])
+        self.tube_node, self.tube_ring = ints(self.node_start[:-1]), ints(self.ring_start[:-1])
+        self.line_tube = ints([k for k in deep for _ in range(self.grids[k][0])])
+        self.line_x = ints([x for k in deep for x in range(self.grids[k][0])])
+        self.outline, self.outline_tube = ints(lines[:, :3]), ints(lines[:, 3])
+        self.step = wp.array(np.array(self.spacing, np.float32), dtype=wp.vec2, device=self.device)
+        self.mass = wp.array(np.concatenate(mass).astype(np.float32), dtype=wp.vec2, device=self.device)
+        self.weights = {name: scalars(self.nodes) for name in ("w10", "w20", "w11", "w01", "w02")}
+        self.k1, self.load = scalars(len(self.grids)), vectors(len(self.grids))
+        self.dt = scalars(len(self.grids))
+        self.eyes = wp.array([eye_of(c) for c in self.cameras], dtype=projection.Eye, device=self.device)
+        sizes = [0 if space is None else int(np.prod(space.shape)) for space in self.spaces]
+        self.sample_start = np.concatenate([[0], np.cumsum(sizes)])
+        self.samples = wp.zeros(max(sum(sizes), 1), dtype=wp.vec4, device=self.device)
+        self.fields = wp.zeros(len(self.grids), dtype=image_kernels.Field, device=self.device)  # pyright: ignore
+        # state
+        self.node, self.velocity, self.force, self.delta = (vectors(self.nodes) for _ in range(4))
+        self.power, self.residuals = scalars(self.rings), scalars(self.rings)
+        self.age, self.momentum = scalars(len(self.grids)), scalars(len(self.grids))
+        # factors
+        self.x_factor = {name: scalars(self.nodes) for name in ("lower1", "lower2", "inverse")}
+        self.x_factor |= {"border": wp.zeros(self.nodes, dtype=wp.vec2, device=self.device), "corner": vectors(self.rings)}
+        self.edge = wp.zeros((self.rings, 6), dtype=float, device=self.device)
+        self.s_factor = [scalars(self.nodes) for _ in range(3)]
+        self.unused = scalars(1)
+
+    def _clockwise(self, k: int) -> bool:
+        """Whether a sheet's border runs clockwise as the view sees it first."""
+        o = self.objects[k]
+        assert isinstance(o, Sheet)
+        corners = np.asarray(o.corners, float)
+        points = corners if corners.shape[1] == 2 else self.views[0].camera.project(corners)
+        return shoelace(points) > 0
+
+    def set_material(self, share: float) -> None:
+        """Writes weights and factors; `share` of the rigidity of snakes (continuation)."""
+        flat = {name: np.zeros(self.nodes) for name in self.weights}
+        x = {"lower1": np.zeros(self.nodes), "lower2": np.zeros(self.nodes), "inverse": np.zeros(self.nodes)}
+        x["border"] = np.zeros((self.nodes, 2))
+        corner, edge, s = np.zeros((self.rings, 3)), np.zeros((self.rings, 6)), np.zeros((3, self.nodes))
+        k1, load, dt = np.zeros(len(self.grids)), np.zeros((len(self.grids), 3)), np.zeros(len(self.grids))
+        hold = self.image_hold + self.springs.hold
+        for k, o in enumerate(self.objects):
+            (nx, ns), nodes, rings = self.grids[k], self.nodes_of(k), self.rings_of(k)
+            if isinstance(o.material, SnakeMaterial):
+                values = {"w10": o.material.w1, "w20": o.material.w2 * share}
+                k1[k], dt[k] = o.material.k1, STEP
+            else:
+                values = {name: getattr(o.material, name) for name in self.weights}
+                dt[k] = self._long_step(o.material)
+            if isinstance(o, Sheet):
+                load[k] = np.array(o.load) / self.units[k]
+            if self.settings.step is not None:
+                dt[k] = self.settings.step
+            grid = {name: np.full((ns, nx), values.get(name, 0.0)) for name in self.weights}
+            if not self.round[k]:  # the cut
+                grid["w10"][:, -1] = grid["w11"][:, -1] = grid["w20"][:, 0] = grid["w20"][:, -1] = 0.0
+            for name in grid:
+                flat[name][nodes] = grid[name].ravel()
+            mass = self.mass.numpy()[nodes].reshape(ns, nx, 2)
+            diagonal, first, second = cyclic_bands(grid["w10"] + k1[k] * self._uncut(k), grid["w20"], self.spacing[k][0])
+            extra = dt[k] * (diagonal + hold[nodes].reshape(ns, nx) / mass[..., 1])
+            factors = factor_cyclic(mass[..., 0] + extra, dt[k] * first, dt[k] * second)
+            for name in x:
+                x[name][nodes] = factors[name].reshape(nx * ns, *factors[name].shape[2:])
+            corner[rings], edge[rings] = factors["corner"], factors["edge"]
+            if ns > 1:
+                along = SolverADI._along(grid["w01"].T, grid["w02"].T, dt[k], False)
+                s[:, nodes] = np.moveaxis(along, 2, 1).reshape(3, -1)
+        for name, values in flat.items():
+            self.weights[name].assign(values.astype(np.float32))
+        for name, values in (*x.items(), ("corner", corner)):
+            self.x_factor[name].assign(values.astype(np.float32))
+        self.edge.assign(edge.astype(np.float32))
+        for array, values in zip(self.s_factor, s, strict=True):
+            array.assign(values.astype(np.float32))
+        for array, values in ((self.k1, k1), (self.load, load), (self.dt, dt)):
+            array.assign(values.astype(np.float32))
+
+    def _uncut(self, k: int) -> np.ndarray:
+        """1 on the edges of object k's lines, 0 on the one that a cut takes away, shape (N_x,)."""
+        edges = np.ones(self.grids[k][0])
+        edges[-1] = self.round[k]
+        return edges
+
+    @staticmethod
+    def _long_step(m: SheetMaterial) -> float:
+        """A step in which a sheet's own slow modes move as far as the image would move it in `STEP`."""
+        return max(STEP, 1 / max(np.pi**2 * max(m.w10, m.w01) + np.pi**4 * max(m.w20, m.w11, m.w02), 1e-6))
+
+    def set_potentials(self, potentials: list[Potential | None]) -> None:
+        """Hands the potentials of one scale to the kernels, and takes the image's own stiffness into the factors."""
+        samples = np.zeros((len(self.samples), 4), np.float32)
+        fields = []
+        self.image_hold[:] = 0.0
+        node, outline = self.node.numpy(), self.outline.numpy()
+        length = np.linalg.norm(node[outline[:, 0]] - node[outline[:, 1]], axis=1)
+        length += np.linalg.norm(node[outline[:, 2]] - node[outline[:, 0]], axis=1)
+        owner = self.outline_tube.numpy()
+        for k, p in enumerate(potentials):
+            f = image_kernels.Field()
+            if p is not None:
+                h, w = p.magnitude.shape
+                start = int(self.sample_start[k])
+                samples[start : start + h * w] = p.samples.reshape(-1, 4)
+                f.start, f.width, f.height = start, w, h
+                f.x0, f.y0, f.step = *p.origin, p.step
+                f.gain = self.settings.gain
+                if self.settings.force == "paper":
+                    f.gain *= self.pixel(k) ** 2
+                own = owner == k
+                np.add.at(
+                    self.image_hold, outline[own, 0], 0.5 * length[own] * self.settings.gain / np.prod(self.spacing[k])
+                )
+            fields.append(f)
+        self.samples.assign(samples)
+        self.fields.assign(wp.array(fields, dtype=image_kernels.Field, device="cpu").numpy())
+
+    def pixel(self, k: int) -> float:
+        """Own length of a pixel at the middle of object k."""
+        step = 1e-3
+        gap = self.cameras[k].project(step * np.eye(3)) - self.cameras[k].project(np.zeros(3))
+        return step / float(np.linalg.norm(gap, axis=1).max())
+
+    def iterate(self) -> None:
+        """One implicit step of (10), mu = 0 and gamma = 1: launches only, so that it can be captured."""
+        ring = [self.ring_tube, self.ring_node, self.tube_nx]
+        wp.launch(
+            kernels.sheet_force,
+            self.nodes,
+            inputs=[
+                self.node_ring, self.ring_tube, self.ring_node, self.ring_s, self.tube_nx, self.tube_ns, self.step, self.mass,
+                *self.weights.values(), self.k1, self.load, self.node,
+            ],
+            outputs=[self.force],
+            device=self.device,
+        )  # fmt: skip
+        if len(self.outline):
+            literal = int(self.settings.force == "paper")
+            wp.launch(
+                kernels.outline_force,
+                len(self.outline),
+                inputs=[
+                    self.outline, self.outline_tube, self.eyes, self.fields, self.samples, self.step, self.node, literal,
+                ],
+                outputs=[self.force],
+                device=self.device,
+            )  # fmt: skip
+        self.springs.add_forces(self.eyes, self.node, self.force)
+        wp.launch(
+            kernels.scale_force,
+            self.rings,
+            inputs=[*ring, self.dt, self.force, self.velocity],
+            outputs=[self.delta, self.power],
+            device=self.device,
+        )
+        x = self.x_factor
+        wp.launch(
+            integrate.sweep_rings,
+            self.rings,
+            inputs=[*ring, self.ring_closed, *(x[n] for n in ("lower1", "lower2", "inverse", "border", "corner")), self.edge],
+            outputs=[self.delta],
+            device=self.device,
+        )
+        if len(self.line_x):
+            wp.launch(
+                integrate.sweep_meridians,
+                len(self.line_x),
+                inputs=[
+                    self.line_tube, self.line_x, self.tube_nx, self.tube_ns, self.tube_node, self.tube_ring,
+                    *self.s_factor, self.unused, self.unused, self.unused, self.rings,
+                ],
+                outputs=[self.delta, self.force],
+                device=self.device,
+            )  # fmt: skip
+        wp.launch(
+            integrate.gather_momentum,
+            len(self.grids),
+            inputs=[self.tube_ring, self.tube_ns, self.power, self.settings.momentum],
+            outputs=[self.age, self.momentum],
+            device=self.device,
+        )
+        wp.launch(
+            kernels.advance,
+            self.rings,
+            inputs=[*ring, self.dt, self.delta, self.momentum],
+            outputs=[self.node, self.velocity, self.residuals],
+            device=self.device,
+        )
+
+    def deal(self) -> None:
+        """Spaces the nodes of every snake evenly along it."""
+        values = [self.own(k) for k in range(len(self.grids))]
+        for k, o in enumerate(self.objects):
+            if isinstance(o, Snake):
+                values[k] = evenly(values[k][:, 0], o.nodes, o.closed)[:, None]
+        self._place(values)
+
+    def _place(self, values: list[np.ndarray]) -> None:
+        flat = [v.transpose(1, 0, 2).reshape(-1, 3) for v in values]
+        self.rewind(np.concatenate(flat).astype(np.float32))
+
+    def rewind(self, positions: np.ndarray) -> None:
+        """Puts all nodes to positions, shape (N, 3), at rest."""
+        self.node.assign(positions)
+        self.velocity.zero_()
+        self.age.zero_()
+
+    def own(self, k: int) -> np.ndarray:
+        """Nodes of object k in own units, shape (N_x, N_s, 3)."""
+        nx, ns = self.grids[k]
+        return self.node.numpy()[self.nodes_of(k)].reshape(ns, nx, 3).transpose(1, 0, 2).astype(float)
+
+    def world(self, k: int) -> tuple[np.ndarray, np.ndarray]:
+        """Nodes (N_x, N_s, 3) and middle line (N_s, 3) of object k: of a snake image px, of a sheet world units."""
+        nodes = self.own(k) * self.units[k] + self.origins[k]
+        return nodes, nodes.mean(axis=0)
+
+    def residual(self) -> float:
+        """Root mean square of the step over dt, all rings [own units]."""
+        return float(np.sqrt(self.residuals.numpy().mean()))
+
+    def nodes_of(self, k: int) -> slice:
+        """Nodes of object k in the flat arrays."""
+        return slice(int(self.node_start[k]), int(self.node_start[k + 1]))
+
+    def rings_of(self, k: int) -> slice:
+        """Rings of object k in the flat arrays."""
+        return slice(int(self.ring_start[k]), int(self.ring_start[k + 1]))
+
+
+def shoelace(points: np.ndarray) -> float:
+    """Area within a closed polygon, shape (n, 2); above 0 where it runs clockwise as an image is seen."""
+    x, y = points.T
+    return float(0.5 * np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
+
+
+def oriented(points: np.ndarray) -> np.ndarray:
+    """A closed polygon, shape (n, 2), that runs clockwise as an image is seen."""
+    return points if shoelace(points) > 0 else points[::-1]
+
+
+def evenly(curve: np.ndarray, count: int, closed: bool) -> np.ndarray:
+    """Points at even distances along the smooth curve through nodes, shape (count, d)."""
+    nodes = np.concatenate([curve, curve[:1]]) if closed else curve
+    spline = CubicSpline(np.arange(len(nodes)), nodes, bc_type="periodic" if closed else "not-a-knot")
+    fine = np.linspace(0, len(nodes) - 1, 20 * len(nodes))
+    t = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(spline(fine), axis=0), axis=1))])
+    return spline(np.interp(np.linspace(0, t[-1], count, endpoint=not closed), t, fine))
+
+
+def _border(nx: int, ns: int) -> np.ndarray:
+    """Nodes of a sheet's border, ring after ring, in order around it."""
+    grid = np.arange(nx * ns).reshape(ns, nx)
+    return np.concatenate([grid[0, :-1], grid[:-1, -1], grid[-1, :0:-1], grid[:0:-1, 0]])
+
+
+def _size(v: np.ndarray) -> float:
+    """Mean length of a sheet's two middle lines, nodes of shape (N_x, N_s, 3)."""
+    return 0.5 * (length_of(v[:, v.shape[1] // 2]) + length_of(v[v.shape[0] // 2]))

@@ -1,0 +1,247 @@
+"""Still scenes of snakes and sheets: from rough curves and corners to rest, from coarse to fine scale."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from ..kernels import integrate
+from ..kernels import sheet as sheet_kernels
+from ..kernels import spring as spring_kernels
+from .measure import contour_support
+from .potential import Potential
+from .problem import Settings, Sheet, Snake, View
+from .reconstruct import CHECK, LEAST_SHARE, LOOK, REST, SNAPSHOTS, _thinned
+from .result import LEAST_SUPPORT, MOST_OUTSIDE
+from .sheet import Sheets, evenly, shoelace
+
+COARSE = 10.0
+"""How much more residual a coarse scale may keep."""
+FINE = 8
+"""Points of the smooth curve for each node, by which a snake is measured and drawn."""
+LOST = 10.0
+"""Step over dt at which the solver has diverged [own units]."""
+
+
+@dataclass
+class LineResult:
+    """One snake or sheet at rest."""
+
+    name: str
+    kind: str
+    """"snake" or "sheet"."""
+    nodes: np.ndarray
+    """of a snake (1, n, 2), image points; of a sheet (1, N_x, N_s, 3), world units."""
+    contour: list[np.ndarray]
+    """the smooth outline in the first view, shape (m, 2), image px; of a closed one the first point again at the end."""
+    support: list[np.ndarray]
+    """for each piece, which points image data supports, shape (m,), bool."""
+    measures: dict[str, Any]
+    history: list[tuple[np.ndarray, np.ndarray, float]]
+    """nodes (N_x, N_s, 3), middle line, sigma [px], from the first state to the last."""
+    iterations: int = 0
+    converged: bool = True
+    trusted: bool = True
+    warnings: list[str] = field(default_factory=list)
+
+
+@dataclass
+class Found:
+    """What a run yields: objects, potentials of the first, seconds by phase."""
+
+    objects: list[LineResult]
+    potentials: list
+    foreground: np.ndarray | None
+    seconds: dict[str, float]
+    settings: Settings
+
+
+class Progress:
+    """Where a run is; handed to the callback each iteration."""
+
+    def __init__(self, scene: Sheets, stages: int):
+        self._scene = scene
+        self.iteration, self.total = 0, scene.settings.iterations
+        self.stage, self.stages, self.sigma, self.residual = 0, stages, 0.0, float("inf")
+
+    def nodes(self, k: int = 0) -> np.ndarray:
+        """Nodes of object k now, shape (N_x, N_s, 3): of a snake image px, of a sheet world units."""
+        return self._scene.world(k)[0]
+
+
+def deform(
+    views: list[View],
+    objects: list[Snake | Sheet],
+    settings: Settings | None = None,
+    device: str = "cpu",
+    callback: Callable[[Any], bool | None] | None = None,
+) -> Found:
+    """Brings snakes and sheets to rest, from coarse to fine scale; springs take hold and let go on the way.
+
+    The finest scale goes on until every spring that is to let go has, and what it held is at rest again.
+
+    Args:
+        views: the images; one for now.
+        objects: rough curves and sheets.
+        settings: of the solver.
+        device: Warp device.
+        callback: called each iteration; returning True stops the run.
+
+    Returns:
+        The objects with their measures.
+    """
+    settings = settings or Settings()
+    clock, seconds = time.perf_counter(), {}
+
+    def lap(name: str) -> None:
+        nonlocal clock
+        now = time.perf_counter()
+        seconds[name] = seconds.get(name, 0.0) + now - clock
+        clock = now
+
+    scene = Sheets(views, objects, settings, device)
+    lap("map")
+    for module in (sheet_kernels, spring_kernels, integrate):
+        wp.load_module(module, device=device)
+    with wp.ScopedCapture(device=device, force_module_load=False) as capture:
+        scene.iterate()
+    assert capture.graph is not None
+    lap("kernels")
+    lists = [space.sigmas if space else [0.0] for space in scene.spaces]
+    stages = max(len(x) for x in lists)
+    progress = Progress(scene, stages)
+    history: list[list] = [[] for _ in objects]
+    potentials: list[list[Potential | None]] = []
+    stopped = converged = diverged = False
+    for stage in range(stages):
+        sigmas = [x[max(0, len(x) - stages + stage)] for x in lists]
+        finest = stage == stages - 1
+        if stage > 0:
+            scene.deal()
+        potentials.append([s and s.at(sigma, finest) for s, sigma in zip(scene.spaces, sigmas, strict=True)])
+        scene.set_potentials(potentials[-1])
+        share = max(LEAST_SHARE, (sigmas[0] / lists[0][0]) ** 2) if lists[0][0] else 1.0
+        scene.set_material(share)
+        lap("potential")
+        progress.stage, progress.sigma = stage, sigmas[0]
+        start, begun, before, moved = scene.node.numpy().copy(), progress.iteration, scene.node.numpy().copy(), np.inf
+        tolerance = settings.tolerance * (1.0 if finest else COARSE)
+        end = progress.iteration + (settings.iterations - progress.iteration) // (stages - stage)
+        converged = False
+        while progress.iteration < end and not (converged or stopped or diverged):
+            if scene.springs.due(progress.iteration):
+                scene.springs.set(progress.iteration, scene.node.numpy())
+                scene.set_material(share)
+                before, begun = scene.node.numpy().copy(), progress.iteration
+                moved = np.inf
+            if progress.iteration % max(CHECK, settings.iterations // (10 * SNAPSHOTS)) == 0:
+                for k in range(len(objects)):
+                    history[k].append((*scene.world(k), sigmas[k]))
+            wp.capture_launch(capture.graph)
+            progress.iteration += 1
+            if finest and (progress.iteration - begun) % LOOK == 0:
+                moved = float(np.linalg.norm(scene.node.numpy() - before, axis=1).max())
+                before = scene.node.numpy().copy()
+            if progress.iteration % CHECK == 0 or progress.iteration == end:
+                progress.residual = scene.residual()
+                at_rest = progress.residual < tolerance and (not finest or moved < REST)
+                converged = at_rest and not (finest and scene.springs.pending(progress.iteration))
+                if not progress.residual < LOST:
+                    scene.rewind(start)
+                    diverged = True
+            stopped = bool(callback and callback(progress))
+        lap("solve")
+        if stopped or diverged:
+            break
+    results = []
+    for k in range(len(objects)):
+        history[k].append((*scene.world(k), progress.sigma))
+        results.append(_finish(scene, k, potentials[-1][k], _thinned(history[k]), progress.iteration, converged, diverged))
+    lap("measure")
+    h, w = views[0].image.shape[:2]
+    pictures = [p[0].picture for p in potentials if p[0] is not None]
+    first = scene.spaces[0]
+    foreground = first.map.in_image((h, w)) if first and first.settings.potential == "map" else None
+    return Found(results, pictures, foreground, seconds, settings)
+
+
+def _finish(
+    scene: Sheets, k: int, potential: Potential | None, history: list, iterations: int, converged: bool, diverged: bool
+) -> LineResult:
+    """Measures object k as it is now, and says what speaks against it."""
+    o, space, nodes = scene.objects[k], scene.spaces[k], scene.world(k)[0]
+    scale = 1 / float(np.linalg.norm(scene.views[0].camera.matrix[0, :3])) if scene.views[0].camera.affine else 1.0
+    measures: dict[str, Any]
+    if isinstance(o, Snake):
+        closed, curve = o.closed, nodes[:, 0, :2]
+        line = evenly(curve, FINE * o.nodes, closed)
+        line = np.concatenate([line, line[:1]]) if closed else line
+        measures = {"length": float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum()) * scale}
+        if closed:
+            measures["area"] = shoelace(line[:-1]) * scale**2
+    else:
+        closed = True
+        measures = {"area": sheet_area(nodes)}
+        border = np.concatenate([nodes[:-1, 0], nodes[-1, :-1], nodes[:0:-1, -1], nodes[0, :0:-1]])
+        line = scene.views[0].camera.project(border)
+        line = np.concatenate([line, line[:1]])
+    flags, warnings = np.ones(len(line), bool), []
+    if space is not None and potential is not None:
+        e = np.gradient(line, axis=0)
+        normals = np.stack([e[:, 1], -e[:, 0]], axis=1) / np.maximum(np.linalg.norm(e, axis=1), 1e-12)[:, None]
+        if closed and shoelace(line[:-1]) < 0:
+            normals = -normals
+        inside = space.inside if space.settings.potential == "map" else np.zeros((0, 0))
+        found = contour_support(line, normals, potential, inside, space.map.half_width)
+        flags, offsets = found.supported, np.abs(found.offset)[found.supported]
+        measures["supported_share"] = float(flags.mean())
+        measures["contour_residual_px"] = {
+            name: float(f(offsets)) if len(offsets) else float("nan")
+            for name, f in (("mean", np.mean), ("p95", lambda x: np.quantile(x, 0.95)), ("max", np.max))
+        }
+        if measures["supported_share"] < LEAST_SUPPORT:
+            warnings.append(
+                f"only {measures['supported_share']:.0%} of the outline lies on edges of the image: check the overlay, draw the"
+                " curve nearer to the outline, or mark with not_here or ignore what it must not take"
+            )
+    if diverged:
+        warnings.append("the solver diverged and stopped at its last good state: try a lower solver.step")
+    elif not converged:
+        warnings.append(f"not at rest after {iterations} iterations: raise solver.iterations")
+    h, w = scene.views[0].image.shape[:2]
+    if isinstance(o, Snake) and np.mean((line < -0.5).any(axis=1) | (line > [w - 0.5, h - 0.5]).any(axis=1)) > MOST_OUTSIDE:
+        warnings.append("the curve has left the image: what lies beyond the border is a guess")
+    return LineResult(
+        name=o.name,
+        kind="snake" if isinstance(o, Snake) else "sheet",
+        nodes=nodes[None, :, 0, :2] if isinstance(o, Snake) else nodes[None],
+        contour=[line],
+        support=[flags],
+        measures=measures,
+        history=history,
+        iterations=iterations,
+        converged=converged,
+        trusted=not warnings,
+        warnings=warnings,
+    )
+
+
+def sheet_mesh(nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Two triangles a cell of a sheet (N_x, N_s, 3): vertices (V, 3), faces (F, 3)."""
+    nx, ns, _ = nodes.shape
+    i = np.arange(nx * ns).reshape(nx, ns)
+    a, b, c, d = i[:-1, :-1], i[1:, :-1], i[1:, 1:], i[:-1, 1:]
+    faces = np.stack([np.stack([a, b, c], -1), np.stack([a, c, d], -1)], axis=2)
+    return nodes.reshape(-1, 3), faces.reshape(-1, 3)
+
+
+def sheet_area(nodes: np.ndarray) -> float:
+    """Area of a sheet (N_x, N_s, 3) by its triangles."""
+    vertices, faces = sheet_mesh(nodes)
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
