@@ -146,7 +146,8 @@ class ScaleSpace:
             on = (m.axis - m.origin) / m.step
             first = np.maximum(first, np.minimum(hit.min(0, initial=w + h), on.min(0)) - around)
             last = np.minimum(last, np.maximum(hit.max(0, initial=0), on.max(0)) + around)
-        return np.array(m.origin) + first * m.step, np.maximum(last - first, 8.0) * m.step
+        # on whole pixels: samples between them would be blurred once more
+        return np.floor(np.array(m.origin) + first * m.step), np.maximum(last - first, 8.0) * m.step
 
     def _map_at_step(self) -> np.ndarray:
         m = self.map
