@@ -48,8 +48,8 @@ class SnakeMaterial:
 
     w1: float = 0.0
     """tension (2): draws the curve together."""
-    w2: float = 1e-5
-    """rigidity (2) at the coarsest scale; it falls with the square of sigma."""
+    w2: float | None = None
+    """rigidity (2); None: at each scale it bends over about as far as the image is smoothed (`sim.sheet.BEND`)."""
     k1: float = 1e-3
     """draws nodes to even distances along the curve, which feels nothing of it (ours)."""
 

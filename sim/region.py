@@ -12,10 +12,12 @@ from .foreground import Foreground, colours, resample
 ACROSS = 110.0
 """Samples along the longer side of the curve's box."""
 ROUNDS = 3
-MARGIN = 0.5
+MARGIN = 1.0
 """Image looked at about the curve's box, in its longer side."""
 CORE, FAR = 0.6, 1.0
 """Surely object as deep within the curve, surely not so far outside it, in its greatest depth."""
+LEAN = 6.0
+"""Log odds that the curve itself gives to what lies a greatest depth inside it, or against what lies so far outside."""
 REACH = 0.12
 """Half width that stands for an open curve, over its length: what the first sigma goes by."""
 
@@ -65,17 +67,22 @@ def region_map(
         far |= np.hypot(cols - p[0], rows - p[1]) <= 0.02 * ACROSS
     core &= ~far
     walk, inside = walker._walk(x), mine.astype(float)
+    lean = LEAN * (within**2 - beyond**2) / deepest**2
     for _ in range(ROUNDS):
         ratio = walker.likelihood(cells, mine, known, x.shape[2])
-        prior = 1 / (1 + np.exp(-np.clip(0.5 * ratio, -6, 6)))
+        prior = 1 / (1 + np.exp(-np.clip(np.clip(0.5 * ratio, -6, 6) + lean, -50, 50)))
         sure = core & (ratio > -1.0)
         prior[sure], prior[far] = 1.0, 0.0
         weight = np.where(known, walker.PRIOR, 1e-6) + np.where(sure | far, walker.SEED, 0.0)
         inside = walker._solve(walk, weight, prior, inside)
         mine = walker._at_axis(inside, np.argwhere(core)[:, ::-1].astype(float)) | sure
-    half = float(walker._depth(mine).max()) * step
+    half = max(float(walker._depth(mine).max()), 2.0)
+    # what leaves the image ends at its border, or a pressure would drive the curve on and on
+    beside = int(np.ceil(half))
+    inside = np.pad(walker._soft(inside), beside)
     length = float(np.linalg.norm(np.diff(points, axis=0, append=points[:1]), axis=1).sum())
-    return Foreground(walker._soft(inside), step, (float(lo[0]), float(lo[1])), length, max(half, 2.0 * step), points)
+    x0, y0 = (float(v) for v in lo - beside * step)
+    return Foreground(inside, step, (x0, y0), length, half * step, points)
 
 
 def no_map(image: np.ndarray, points: np.ndarray) -> Foreground:

@@ -29,6 +29,8 @@ from .spring import Body, Springs
 
 STEP = 2.0
 """Time step of what the image holds: its own stiffness, taken implicitly, makes that two thirds of the way."""
+BEND = 2.5
+"""Length over which a snake's own rigidity evens it out, the fourth root of w2 over the image's unit stiffness [sigmas]."""
 
 
 class Sheets:
@@ -70,7 +72,8 @@ class Sheets:
         ]  # fmt: skip
         self.springs = Springs(bodies, self.mass.numpy().prod(axis=1), device)
         self.image_hold = np.zeros(self.nodes)
-        self.set_material(1.0)
+        self.sigmas = [0.0] * len(objects)
+        self.set_material()
 
     def _first(self, o: Snake | Sheet) -> np.ndarray:
         """First nodes (N_x, N_s, 3): of a snake image px, of a sheet in the world."""
@@ -172,8 +175,8 @@ class Sheets:
         points = corners if corners.shape[1] == 2 else self.views[0].camera.project(corners)
         return shoelace(points) > 0
 
-    def set_material(self, share: float) -> None:
-        """Writes weights and factors; `share` of the rigidity of snakes (continuation)."""
+    def set_material(self) -> None:
+        """Writes weights and factors, by what springs and image hold now."""
         flat = {name: np.zeros(self.nodes) for name in self.weights}
         x = {"lower1": np.zeros(self.nodes), "lower2": np.zeros(self.nodes), "inverse": np.zeros(self.nodes)}
         x["border"] = np.zeros((self.nodes, 2))
@@ -183,7 +186,8 @@ class Sheets:
         for k, o in enumerate(self.objects):
             (nx, ns), nodes, rings = self.grids[k], self.nodes_of(k), self.rings_of(k)
             if isinstance(o.material, SnakeMaterial):
-                values = {"w10": o.material.w1, "w20": o.material.w2 * share}
+                bend = (BEND * self.sigmas[k] * self.pixel(k)) ** 4
+                values = {"w10": o.material.w1, "w20": bend if o.material.w2 is None else o.material.w2}
                 k1[k], dt[k] = o.material.k1, STEP
             else:
                 values = {name: getattr(o.material, name) for name in self.weights}
@@ -229,7 +233,7 @@ class Sheets:
         return max(STEP, 1 / max(np.pi**2 * max(m.w10, m.w01) + np.pi**4 * max(m.w20, m.w11, m.w02), 1e-6))
 
     def set_potentials(self, potentials: list[Potential | None]) -> None:
-        """Hands the potentials of one scale to the kernels, and takes the image's own stiffness into the factors."""
+        """Hands the potentials of one scale to the kernels, and makes the factors anew."""
         samples = np.zeros((len(self.samples), 4), np.float32)
         fields = []
         self.image_hold[:] = 0.0
@@ -240,6 +244,7 @@ class Sheets:
         for k, p in enumerate(potentials):
             f = image_kernels.Field()
             if p is not None:
+                self.sigmas[k] = p.sigma
                 h, w = p.magnitude.shape
                 start = int(self.sample_start[k])
                 samples[start : start + h * w] = p.samples.reshape(-1, 4)
@@ -255,6 +260,7 @@ class Sheets:
             fields.append(f)
         self.samples.assign(samples)
         self.fields.assign(wp.array(fields, dtype=image_kernels.Field, device="cpu").numpy())
+        self.set_material()
 
     def pixel(self, k: int) -> float:
         """Own length of a pixel at the middle of object k."""

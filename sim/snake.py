@@ -16,7 +16,7 @@ from ..kernels import spring as spring_kernels
 from .measure import contour_support
 from .potential import Potential
 from .problem import Settings, Sheet, Snake, View
-from .reconstruct import CHECK, LEAST_SHARE, LOOK, REST, SNAPSHOTS, _thinned
+from .reconstruct import CHECK, LOOK, REST, SNAPSHOTS, _thinned
 from .result import LEAST_SUPPORT, MOST_OUTSIDE
 from .sheet import Sheets, evenly, shoelace
 
@@ -125,8 +125,6 @@ def deform(
             scene.deal()
         potentials.append([s and s.at(sigma, finest) for s, sigma in zip(scene.spaces, sigmas, strict=True)])
         scene.set_potentials(potentials[-1])
-        share = max(LEAST_SHARE, (sigmas[0] / lists[0][0]) ** 2) if lists[0][0] else 1.0
-        scene.set_material(share)
         lap("potential")
         progress.stage, progress.sigma = stage, sigmas[0]
         start, begun, before, moved = scene.node.numpy().copy(), progress.iteration, scene.node.numpy().copy(), np.inf
@@ -136,7 +134,7 @@ def deform(
         while progress.iteration < end and not (converged or stopped or diverged):
             if scene.springs.due(progress.iteration):
                 scene.springs.set(progress.iteration, scene.node.numpy())
-                scene.set_material(share)
+                scene.set_material()
                 before, begun = scene.node.numpy().copy(), progress.iteration
                 moved = np.inf
             if progress.iteration % max(CHECK, settings.iterations // (10 * SNAPSHOTS)) == 0:
