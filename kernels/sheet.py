@@ -10,10 +10,41 @@ from . import elastic, image, projection
 
 
 @wp.func
-def even(k1: float, before: wp.vec3, here: wp.vec3, after: wp.vec3, h: float):
-    """Along the curve alone, K1 v_ss: nodes slide to even distances and the curve itself feels nothing."""
+def even(before: wp.vec3, here: wp.vec3, after: wp.vec3):
+    """Along the curve alone, the second difference: nodes slide to even distances and the curve itself feels nothing."""
     t = wp.normalize(after - before)
-    return k1 / (h * h) * wp.dot(elastic.bend(before, here, after), t) * t
+    return wp.dot(elastic.bend(before, here, after), t) * t
+
+
+@wp.func
+def stretch(e: wp.vec3, natural: float):
+    """Pull of an edge longer than its natural length, (|e| - L1) e/|e|; none of a shorter one, which would buckle."""
+    long = wp.length(e)
+    return wp.max(long - natural, 0.0) / wp.max(long, 1.0e-12) * e
+
+
+@wp.kernel(enable_backward=False)
+def mean_edges(
+    # model
+    tube_node: wp.array[int],
+    tube_nx: wp.array[int],
+    tube_ns: wp.array[int],
+    seam: wp.array[int],
+    # state in
+    node_in: wp.array[wp.vec3],
+    # out
+    natural_out: wp.array[float],
+):
+    """Sets the natural length L1 of a snake's edges, their mean: it resists being drawn out in places, not growing."""
+    k = wp.tid()
+    n = tube_nx[k]
+    start = tube_node[k]
+    edges = n - 1 + seam[k]
+    whole = float(0.0)
+    if tube_ns[k] == 1:
+        for x in range(edges):
+            whole += wp.length(node_in[start + (x + 1) % n] - node_in[start + x])
+    natural_out[k] = whole / float(edges)
 
 
 @wp.kernel(enable_backward=False)
@@ -36,6 +67,7 @@ def sheet_force(
     load: wp.array[wp.vec3],
     # state in
     node_in: wp.array[wp.vec3],
+    natural_in: wp.array[float],
     # out
     force_out: wp.array[wp.vec3],
 ):
@@ -54,8 +86,18 @@ def sheet_force(
     if ns > 1:
         f += m[0] * elastic.line_force(node_in, w01, w02, i, n, ring_s[r], ns, hs)
         f += elastic.twist_force(node_in, w11, start, x, n, ring_s[r], ns, hx, hs)
-    elif m[0] == 1.0:
-        f += even(k1[k], node_in[start + (x + n - 1) % n], node_in[i], node_in[start + (x + 1) % n], hx)
+    else:
+        v = node_in[i]
+        before = node_in[start + (x + n - 1) % n]
+        after = node_in[start + (x + 1) % n]
+        e = wp.vec3(0.0)
+        if m[0] == 1.0:
+            e = even(before, v, after)
+        if x > 0 or m[0] == 1.0:
+            e -= stretch(v - before, natural_in[k])
+        if x < n - 1 or m[0] == 1.0:
+            e += stretch(after - v, natural_in[k])
+        f += k1[k] / (hx * hx) * e
     force_out[i] = f + m[0] * m[1] * load[k]
 
 
@@ -63,11 +105,13 @@ def sheet_force(
 def outline_force(
     # model
     outline: wp.array2d[int],
+    place: wp.array[wp.vec4],
+    along: wp.array[wp.vec4],
+    share: wp.array[float],
     outline_tube: wp.array[int],
     eyes: wp.array[projection.Eye],
     fields: wp.array[image.Field],
     samples: wp.array[wp.vec4],
-    step: wp.array[wp.vec2],
     # state in
     node_in: wp.array[wp.vec3],
     # scalars
@@ -75,33 +119,33 @@ def outline_force(
     # out
     force_out: wp.array[wp.vec3],
 ):
-    """Adds the image force (11) to the nodes of an outline, a snake or a sheet's border, by the length each stands for.
+    """Adds the integral of the image force (11) over an outline, a snake or a sheet's border, even in its own coordinate.
 
-    `outline` holds a node, the ones before and after it on its line (itself at an open end); outward is to the left of
-    the way along it, as the image is seen.
+    Each point hangs on four nodes of `outline` by the weights of its `place`; `along` are those of the curve's direction,
+    whose left is outward as the image is seen. `share` is what the point's part of a line load comes to per hx hs.
     """
     j = wp.tid()
-    i = outline[j, 0]
     k = outline_tube[j]
     eye = eyes[k]
-    v = node_in[i]
-    before = node_in[outline[j, 1]]
-    after = node_in[outline[j, 2]]
+    v = wp.vec3(0.0)
+    t = wp.vec3(0.0)
+    for a in range(4):
+        u = node_in[outline[j, a]]
+        v += place[j][a] * u
+        t += along[j][a] * u
     p = projection.project(eye, v)
-    e = projection.project(eye, after) - projection.project(eye, before)
-    length = 0.5 * (wp.length(v - before) + wp.length(after - v))
-    if wp.length(e) < 1.0e-6:
-        return
     d = projection.depth(eye, v)
     j0 = projection.jacobian_row(eye.row0, eye.row2, p[0], d)
     j1 = projection.jacobian_row(eye.row1, eye.row2, p[1], d)
+    e = wp.vec2(wp.dot(j0, t), wp.dot(j1, t))
     value = image.sample(samples, fields[k], p)
-    density = fields[k].gain * length / (step[k][0] * step[k][1])
     if literal != 0:
         f = image.chain(j0, j1, wp.vec2(value[0], value[1]))
     else:
         f = image.lift(j0, j1, image.normal_pull(value, wp.normalize(wp.vec2(e[1], -e[0]))))
-    force_out[i] = force_out[i] + density * f
+    f = fields[k].gain * share[j] * f
+    for a in range(4):
+        wp.atomic_add(force_out, outline[j, a], place[j][a] * f)
 
 
 @wp.kernel(enable_backward=False)

@@ -50,8 +50,8 @@ class SnakeMaterial:
     """tension (2): draws the curve together."""
     w2: float | None = None
     """rigidity (2); None: at each scale it bends over about as far as the image is smoothed (`sim.sheet.BEND`)."""
-    k1: float = 1e-3
-    """draws nodes to even distances along the curve, which feels nothing of it (ours)."""
+    k1: float = 1e-2
+    """K1 of its natural lengths L1, the mean of its edges: it is not drawn out in places, and its nodes stay even."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class Snake:
     """rough curve, shape (n, 2), image points (column, row) of the first view, in order."""
     name: str = "snake"
     closed: bool = True
-    nodes: int = 100
+    nodes: int = 200
     """along it; the result does not depend on how many."""
     material: SnakeMaterial = field(default_factory=SnakeMaterial)
     not_here: np.ndarray | None = None

@@ -29,6 +29,8 @@ from .spring import Body, Springs
 
 STEP = 2.0
 """Time step of what the image holds: its own stiffness, taken implicitly, makes that two thirds of the way."""
+POINTS = 400
+"""Points of an outline, or of a side of one, where the image is looked up: as many whatever the nodes."""
 BEND = 2.5
 """Length over which a snake's own rigidity evens it out, the fourth root of w2 over the image's unit stiffness [sigmas]."""
 
@@ -36,10 +38,11 @@ BEND = 2.5
 class Sheets:
     """Model, state, potentials and springs of snakes and sheets; world units or image px outside, own units within.
 
-    Attributes of the model are those of `sim.model.Model` where they share a name; besides (P objects, C outline nodes):
+    Attributes of the model are those of `sim.model.Model` where they share a name; besides (P objects, C points of outlines):
         step: hx, hs, shape (P, 2); hs of a snake is 1.
         mass: share of a cell along x and s that belongs to a node, shape (N, 2).
         load: even force per unit of (x, s), shape (P, 3).
+        share: load per hx hs of a line load of 1, shape (C,).
         outline: node, the one before, the one after, shape (C, 3); outline_tube: its object, shape (C,).
     """
 
@@ -115,18 +118,10 @@ class Sheets:
             along = end_mass(ns) if ns > 1 else np.ones(1)
             around = np.ones(nx) if self.round[k] else end_mass(nx)
             mass.append(np.stack([np.tile(around, ns), np.repeat(along, nx)], axis=1))
-            at, ring = int(self.node_start[k]), np.arange(nx)
-            if ns > 1:
-                ring = _border(nx, ns)
-            if self.spaces[k] is None:
-                continue
-            before, after = np.roll(ring, 1), np.roll(ring, -1)
-            if ns == 1 and not self.round[k]:
-                before[0], after[-1] = ring[0], ring[-1]
-            if ns > 1 and not self._clockwise(k):
-                before, after = after, before
-            outline.append(np.column_stack([at + ring, at + before, at + after, np.full(len(ring), k)]))
-        lines = np.concatenate(outline or [np.zeros((0, 4), int)])
+            if self.spaces[k] is not None:
+                outline.append(self._outline(k))
+        quadrature = [np.concatenate(each) for each in zip(*outline, strict=True)]
+        nodes, place, way, share, owner = quadrature or (np.zeros((0, 4)), np.zeros((0, 4)), np.zeros((0, 4)), [], [])
 
         def ints(a: np.ndarray | list) -> wp.array:
             return wp.array(np.ascontiguousarray(a, np.int32), dtype=int, device=self.device)
@@ -143,9 +138,12 @@ class Sheets:
         self.ring_closed = ints(np.zeros(self.rings))
         self.tube_nx, self.tube_ns = ints([g[0] for g in self.grids]), ints([g[1] for g in self.grids])
         self.tube_node, self.tube_ring = ints(self.node_start[:-1]), ints(self.ring_start[:-1])
+        self.seam = ints(self.round)
         self.line_tube = ints([k for k in deep for _ in range(self.grids[k][0])])
         self.line_x = ints([x for k in deep for x in range(self.grids[k][0])])
-        self.outline, self.outline_tube = ints(lines[:, :3]), ints(lines[:, 3])
+        self.outline, self.outline_tube = ints(nodes), ints(owner)
+        self.place, self.along = (wp.array(a.astype(np.float32), dtype=wp.vec4, device=self.device) for a in (place, way))
+        self.share = wp.array(np.asarray(share, np.float32), dtype=float, device=self.device)
         self.step = wp.array(np.array(self.spacing, np.float32), dtype=wp.vec2, device=self.device)
         self.mass = wp.array(np.concatenate(mass).astype(np.float32), dtype=wp.vec2, device=self.device)
         self.weights = {name: scalars(self.nodes) for name in ("w10", "w20", "w11", "w01", "w02")}
@@ -159,13 +157,30 @@ class Sheets:
         # state
         self.node, self.velocity, self.force, self.delta = (vectors(self.nodes) for _ in range(4))
         self.power, self.residuals = scalars(self.rings), scalars(self.rings)
-        self.age, self.momentum = scalars(len(self.grids)), scalars(len(self.grids))
+        self.age, self.momentum, self.natural = (scalars(len(self.grids)) for _ in range(3))
         # factors
         self.x_factor = {name: scalars(self.nodes) for name in ("lower1", "lower2", "inverse")}
         self.x_factor |= {"border": wp.zeros(self.nodes, dtype=wp.vec2, device=self.device), "corner": vectors(self.rings)}
         self.edge = wp.zeros((self.rings, 6), dtype=float, device=self.device)
         self.s_factor = [scalars(self.nodes) for _ in range(3)]
         self.unused = scalars(1)
+
+    def _outline(self, k: int) -> tuple[np.ndarray, ...]:
+        """Points of object k's outline: nodes, weights of place and direction, share, owner (see `outline_force`)."""
+        (nx, ns), (hx, hs) = self.grids[k], self.spacing[k]
+        if ns == 1:
+            lines = [(np.arange(nx), hx)]
+        else:
+            grid = np.arange(nx * ns).reshape(ns, nx)
+            lines = [(grid[0], hx), (grid[:, -1], hs), (grid[-1, ::-1], hx), (grid[::-1, 0], hs)]
+            lines = lines if self._clockwise(k) else [(line[::-1], h) for line, h in lines]
+        parts = []
+        for line, h in lines:
+            at, place, way = between(len(line), self.round[k], max(2, int(np.ceil(POINTS / len(line)))))
+            share = np.full(len(at), h / (len(at) / (len(line) - (not self.round[k]))) / (hx * hs))
+            parts.append((self.node_start[k] + line[at], place, way, share, np.full(len(at), k)))
+        nodes, place, way, share, owner = (np.concatenate(each) for each in zip(*parts, strict=True))
+        return nodes, place, way, share, owner
 
     def _clockwise(self, k: int) -> bool:
         """Whether a sheet's border runs clockwise as the view sees it first."""
@@ -202,7 +217,7 @@ class Sheets:
             for name in grid:
                 flat[name][nodes] = grid[name].ravel()
             mass = self.mass.numpy()[nodes].reshape(ns, nx, 2)
-            diagonal, first, second = cyclic_bands(grid["w10"] + k1[k] * self._uncut(k), grid["w20"], self.spacing[k][0])
+            diagonal, first, second = cyclic_bands(grid["w10"] + 2 * k1[k] * self._uncut(k), grid["w20"], self.spacing[k][0])
             extra = dt[k] * (diagonal + hold[nodes].reshape(ns, nx) / mass[..., 1])
             factors = factor_cyclic(mass[..., 0] + extra, dt[k] * first, dt[k] * second)
             for name in x:
@@ -237,10 +252,8 @@ class Sheets:
         samples = np.zeros((len(self.samples), 4), np.float32)
         fields = []
         self.image_hold[:] = 0.0
-        node, outline = self.node.numpy(), self.outline.numpy()
-        length = np.linalg.norm(node[outline[:, 0]] - node[outline[:, 1]], axis=1)
-        length += np.linalg.norm(node[outline[:, 2]] - node[outline[:, 0]], axis=1)
-        owner = self.outline_tube.numpy()
+        outline, owner = self.outline.numpy(), self.outline_tube.numpy()
+        stiffness = self.settings.gain * self.share.numpy()[:, None] * np.abs(self.place.numpy())
         for k, p in enumerate(potentials):
             f = image_kernels.Field()
             if p is not None:
@@ -253,10 +266,7 @@ class Sheets:
                 f.gain = self.settings.gain
                 if self.settings.force == "paper":
                     f.gain *= self.pixel(k) ** 2
-                own = owner == k
-                np.add.at(
-                    self.image_hold, outline[own, 0], 0.5 * length[own] * self.settings.gain / np.prod(self.spacing[k])
-                )
+                np.add.at(self.image_hold, outline[owner == k], stiffness[owner == k])
             fields.append(f)
         self.samples.assign(samples)
         self.fields.assign(wp.array(fields, dtype=image_kernels.Field, device="cpu").numpy())
@@ -272,11 +282,18 @@ class Sheets:
         """One implicit step of (10), mu = 0 and gamma = 1: launches only, so that it can be captured."""
         ring = [self.ring_tube, self.ring_node, self.tube_nx]
         wp.launch(
+            kernels.mean_edges,
+            len(self.grids),
+            inputs=[self.tube_node, self.tube_nx, self.tube_ns, self.seam, self.node],
+            outputs=[self.natural],
+            device=self.device,
+        )
+        wp.launch(
             kernels.sheet_force,
             self.nodes,
             inputs=[
                 self.node_ring, self.ring_tube, self.ring_node, self.ring_s, self.tube_nx, self.tube_ns, self.step, self.mass,
-                *self.weights.values(), self.k1, self.load, self.node,
+                *self.weights.values(), self.k1, self.load, self.node, self.natural,
             ],
             outputs=[self.force],
             device=self.device,
@@ -287,7 +304,8 @@ class Sheets:
                 kernels.outline_force,
                 len(self.outline),
                 inputs=[
-                    self.outline, self.outline_tube, self.eyes, self.fields, self.samples, self.step, self.node, literal,
+                    self.outline, self.place, self.along, self.share, self.outline_tube, self.eyes, self.fields,
+                    self.samples, self.node, literal,
                 ],
                 outputs=[self.force],
                 device=self.device,
@@ -304,7 +322,12 @@ class Sheets:
         wp.launch(
             integrate.sweep_rings,
             self.rings,
-            inputs=[*ring, self.ring_closed, *(x[n] for n in ("lower1", "lower2", "inverse", "border", "corner")), self.edge],
+            inputs=[
+                *ring,
+                self.ring_closed,
+                *(x[n] for n in ("lower1", "lower2", "inverse", "border", "corner")),
+                self.edge,
+            ],
             outputs=[self.delta],
             device=self.device,
         )
@@ -373,6 +396,27 @@ class Sheets:
     def rings_of(self, k: int) -> slice:
         """Rings of object k in the flat arrays."""
         return slice(int(self.ring_start[k]), int(self.ring_start[k + 1]))
+
+
+def between(n: int, closed: bool, each: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points of the smooth curve (Catmull-Rom) through n nodes, `each` between two: indices and weights, (m, 4) each.
+
+    Weights are those of the place and of the direction. At an open end the third difference is taken as zero.
+    """
+    t = (np.arange(each) + 0.5) / each
+    place = 0.5 * np.stack([-t + 2 * t**2 - t**3, 2 - 5 * t**2 + 3 * t**3, t + 4 * t**2 - 3 * t**3, t**3 - t**2], axis=1)
+    way = 0.5 * np.stack([-1 + 4 * t - 3 * t**2, -10 * t + 9 * t**2, 1 + 8 * t - 9 * t**2, 3 * t**2 - 2 * t], axis=1)
+    first = np.repeat(np.arange(n if closed else n - 1), each)
+    at = first[:, None] + np.arange(-1, 3)
+    place, way = (np.tile(w, (len(first) // each, 1)) for w in (place, way))
+    if closed:
+        return at % n, place, way
+    for low, from_, to in ((at[:, 0] < 0, 0, (1, 2, 3)), (at[:, 3] >= n, 3, (2, 1, 0))):
+        for w in (place, way):
+            for node, factor in zip(to, (3.0, -3.0, 1.0), strict=True):
+                w[low, node] += factor * w[low, from_]
+            w[low, from_] = 0.0
+    return np.clip(at, 0, n - 1), place, way
 
 
 def shoelace(points: np.ndarray) -> float:

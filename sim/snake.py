@@ -14,7 +14,7 @@ from ..kernels import integrate
 from ..kernels import sheet as sheet_kernels
 from ..kernels import spring as spring_kernels
 from .measure import contour_support
-from .potential import Potential
+from .potential import RANGE, Potential
 from .problem import Settings, Sheet, Snake, View
 from .reconstruct import CHECK, LOOK, REST, SNAPSHOTS, _thinned
 from .result import LEAST_SUPPORT, MOST_OUTSIDE
@@ -83,7 +83,8 @@ def deform(
 ) -> Found:
     """Brings snakes and sheets to rest, from coarse to fine scale; springs take hold and let go on the way.
 
-    The finest scale goes on until every spring that is to let go has, and what it held is at rest again.
+    The finest scale goes on until every spring has done its work. When one lets go there, the run goes back to a scale
+    at which the image reaches what was pulled away.
 
     Args:
         views: the images; one for now.
@@ -118,25 +119,30 @@ def deform(
     history: list[list] = [[] for _ in objects]
     potentials: list[list[Potential | None]] = []
     stopped = converged = diverged = False
-    for stage in range(stages):
+    stage, again = 0, None
+    held = scene.node.numpy().copy()
+    while stage < stages and not (stopped or diverged):
         sigmas = [x[max(0, len(x) - stages + stage)] for x in lists]
         finest = stage == stages - 1
-        if stage > 0:
+        if progress.iteration > 0:
             scene.deal()
-        potentials.append([s and s.at(sigma, finest) for s, sigma in zip(scene.spaces, sigmas, strict=True)])
-        scene.set_potentials(potentials[-1])
+        if stage == len(potentials):
+            potentials.append([s and s.at(sigma, finest) for s, sigma in zip(scene.spaces, sigmas, strict=True)])
+        scene.set_potentials(potentials[stage])
         lap("potential")
         progress.stage, progress.sigma = stage, sigmas[0]
         start, begun, before, moved = scene.node.numpy().copy(), progress.iteration, scene.node.numpy().copy(), np.inf
         tolerance = settings.tolerance * (1.0 if finest else COARSE)
         end = progress.iteration + (settings.iterations - progress.iteration) // (stages - stage)
-        converged = False
-        while progress.iteration < end and not (converged or stopped or diverged):
+        converged, again = False, None
+        while progress.iteration < end and not (converged or stopped or diverged or again is not None):
             if scene.springs.due(progress.iteration):
-                scene.springs.set(progress.iteration, scene.node.numpy())
+                now = scene.node.numpy().copy()
+                if finest and scene.springs.lets_go(progress.iteration):
+                    again = _stage_that_reaches(scene, lists, now - held)
+                scene.springs.set(progress.iteration, now)
                 scene.set_material()
-                before, begun = scene.node.numpy().copy(), progress.iteration
-                moved = np.inf
+                held, before, begun, moved = now, now, progress.iteration, np.inf
             if progress.iteration % max(CHECK, settings.iterations // (10 * SNAPSHOTS)) == 0:
                 for k in range(len(objects)):
                     history[k].append((*scene.world(k), sigmas[k]))
@@ -153,19 +159,31 @@ def deform(
                     scene.rewind(start)
                     diverged = True
             stopped = bool(callback and callback(progress))
+        stage = stage + 1 if again is None else again
         lap("solve")
-        if stopped or diverged:
-            break
     results = []
     for k in range(len(objects)):
         history[k].append((*scene.world(k), progress.sigma))
-        results.append(_finish(scene, k, potentials[-1][k], _thinned(history[k]), progress.iteration, converged, diverged))
+        results.append(
+            _finish(scene, k, potentials[progress.stage][k], _thinned(history[k]), progress.iteration, converged, diverged)
+        )
     lap("measure")
     h, w = views[0].image.shape[:2]
     pictures = [p[0].picture for p in potentials if p[0] is not None]
     first = scene.spaces[0]
     foreground = first.map.in_image((h, w)) if first and first.settings.potential == "map" else None
     return Found(results, pictures, foreground, seconds, settings)
+
+
+def _stage_that_reaches(scene: Sheets, lists: list[list[float]], moved: np.ndarray) -> int:
+    """The finest stage at which the image still reaches what springs have pulled away, by `moved` (N, 3) [own units]."""
+    stages = max(len(x) for x in lists)
+    found = stages - 1
+    for k, sigmas in enumerate(lists):
+        way = float(np.linalg.norm(moved[scene.nodes_of(k)], axis=1).max()) / scene.pixel(k)
+        reaching = [i for i, sigma in enumerate(sigmas) if RANGE * sigma >= way]
+        found = min(found, stages - len(sigmas) + max(reaching, default=0))
+    return found
 
 
 def _finish(

@@ -97,6 +97,10 @@ class Springs:
         """Whether any takes hold or lets go at this iteration."""
         return any(iteration in (spring.start, spring.stop) for spring in self.list)
 
+    def lets_go(self, iteration: int) -> bool:
+        """Whether any lets go at this iteration."""
+        return any(iteration == spring.stop for spring in self.list)
+
     def pending(self, iteration: int) -> bool:
         """Whether any has still to take hold or to let go."""
         return any(spring.start >= iteration or (spring.stop or 0) >= iteration for spring in self.list)
