@@ -25,7 +25,7 @@ class Spring:
 
 @wp.func
 def way(spring: Spring, eyes: wp.array[projection.Eye], v: wp.vec3):
-    """From v to the anchor; for an image point the least displacement that projects to it. Fourth: how long [px or units]."""
+    """From v to the anchor, for an image point the least way that projects to it; fourth its length [px or own units]."""
     if spring.eye < 0:
         e = spring.anchor - v
         return wp.vec4(e[0], e[1], e[2], wp.length(e))

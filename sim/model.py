@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import warp as wp
 
@@ -105,8 +107,8 @@ class Model:
         self.eyes.assign(wp.array(eyes, dtype=projection.Eye, device="cpu").numpy())
 
 
-def eye_of(camera: Camera) -> projection.Eye:
-    """A camera as the kernels know it."""
+def eye_of(camera: Camera) -> Any:
+    """A camera as the kernels know it, a `projection.Eye`."""
     m = camera.matrix
     eye = projection.Eye()
     eye.row0, eye.row1, eye.row2 = (wp.vec4(*map(float, row)) for row in m)

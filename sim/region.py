@@ -24,7 +24,7 @@ REACH = 0.12
 
 def enclosed(points: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
     """Samples within a closed polygon, shape (n, 2), (column, row); bool of `shape`."""
-    picture = Image.new("1", shape[::-1])
+    picture = Image.new("1", (shape[1], shape[0]))
     ImageDraw.Draw(picture).polygon([(float(x), float(y)) for x, y in points], fill=1)
     return np.asarray(picture)
 

@@ -36,9 +36,9 @@ BEND = 2.5
 
 
 class Sheets:
-    """Model, state, potentials and springs of snakes and sheets; world units or image px outside, own units within.
+    """Model, state, potentials, springs of snakes and sheets; world units or image px outside, own units within.
 
-    Attributes of the model are those of `sim.model.Model` where they share a name; besides (P objects, C points of outlines):
+    Attributes are those of `sim.model.Model` where they share a name; besides (P objects, C points of outlines):
         step: hx, hs, shape (P, 2); hs of a snake is 1.
         mass: share of a cell along x and s that belongs to a node, shape (N, 2).
         load: even force per unit of (x, s), shape (P, 3).
@@ -58,7 +58,7 @@ class Sheets:
             for (nx, ns), closed in zip(self.grids, self.round, strict=True)
         ]
         first = [self._first(o) for o in objects]
-        self.units = [length_of(v[:, 0]) if v.shape[1] == 1 else _size(v) for v in first]
+        self.units = [_size(v, closed) for v, closed in zip(first, self.round, strict=True)]
         self.origins = [v.reshape(-1, 3).mean(axis=0) for v in first]
         px = Camera.orthographic()
         self.cameras = [
@@ -100,8 +100,7 @@ class Sheets:
         if isinstance(o, Sheet):
             if not o.image:
                 return None
-            border = first.transpose(1, 0, 2).reshape(-1, 3)[_border(*o.grid)]
-            points, closed, camera = view.camera.project(border), True, view.camera
+            points, closed, camera = view.camera.project(border(first)), True, view.camera
         else:
             points, closed, camera = first[:, 0, :2], o.closed, Camera.orthographic()
         if closed and self.settings.potential == "map":
@@ -159,11 +158,12 @@ class Sheets:
         self.power, self.residuals = scalars(self.rings), scalars(self.rings)
         self.age, self.momentum, self.natural = (scalars(len(self.grids)) for _ in range(3))
         # factors
-        self.x_factor = {name: scalars(self.nodes) for name in ("lower1", "lower2", "inverse")}
-        self.x_factor |= {"border": wp.zeros(self.nodes, dtype=wp.vec2, device=self.device), "corner": vectors(self.rings)}
-        self.edge = wp.zeros((self.rings, 6), dtype=float, device=self.device)
-        self.s_factor = [scalars(self.nodes) for _ in range(3)]
-        self.unused = scalars(1)
+        self.x_factor = {
+            "factor": vectors(self.nodes),
+            "border": wp.zeros(self.nodes, dtype=wp.vec2, device=self.device),
+            "corner": vectors(self.rings),
+        }
+        self.s_factor, self.unused = vectors(self.nodes), vectors(1)
 
     def _outline(self, k: int) -> tuple[np.ndarray, ...]:
         """Points of object k's outline: nodes, weights of place and direction, share, owner (see `outline_force`)."""
@@ -193,9 +193,8 @@ class Sheets:
     def set_material(self) -> None:
         """Writes weights and factors, by what springs and image hold now."""
         flat = {name: np.zeros(self.nodes) for name in self.weights}
-        x = {"lower1": np.zeros(self.nodes), "lower2": np.zeros(self.nodes), "inverse": np.zeros(self.nodes)}
-        x["border"] = np.zeros((self.nodes, 2))
-        corner, edge, s = np.zeros((self.rings, 3)), np.zeros((self.rings, 6)), np.zeros((3, self.nodes))
+        x = {"factor": np.zeros((self.nodes, 3)), "border": np.zeros((self.nodes, 2)), "corner": np.zeros((self.rings, 3))}
+        s = np.zeros((self.nodes, 3))
         k1, load, dt = np.zeros(len(self.grids)), np.zeros((len(self.grids), 3)), np.zeros(len(self.grids))
         hold = self.image_hold + self.springs.hold
         for k, o in enumerate(self.objects):
@@ -220,19 +219,15 @@ class Sheets:
             diagonal, first, second = cyclic_bands(grid["w10"] + 2 * k1[k] * self._uncut(k), grid["w20"], self.spacing[k][0])
             extra = dt[k] * (diagonal + hold[nodes].reshape(ns, nx) / mass[..., 1])
             factors = factor_cyclic(mass[..., 0] + extra, dt[k] * first, dt[k] * second)
-            for name in x:
-                x[name][nodes] = factors[name].reshape(nx * ns, *factors[name].shape[2:])
-            corner[rings], edge[rings] = factors["corner"], factors["edge"]
+            x["factor"][nodes], x["border"][nodes] = factors["factor"].reshape(-1, 3), factors["border"].reshape(-1, 2)
+            x["corner"][rings] = factors["corner"]
             if ns > 1:
                 along = SolverADI._along(grid["w01"].T, grid["w02"].T, dt[k], False)
-                s[:, nodes] = np.moveaxis(along, 2, 1).reshape(3, -1)
-        for name, values in flat.items():
-            self.weights[name].assign(values.astype(np.float32))
-        for name, values in (*x.items(), ("corner", corner)):
-            self.x_factor[name].assign(values.astype(np.float32))
-        self.edge.assign(edge.astype(np.float32))
-        for array, values in zip(self.s_factor, s, strict=True):
-            array.assign(values.astype(np.float32))
+                s[nodes] = along.transpose(1, 0, 2).reshape(-1, 3)
+        for arrays, host in ((self.weights, flat), (self.x_factor, x)):
+            for name, array in arrays.items():
+                array.assign(host[name].astype(np.float32))
+        self.s_factor.assign(s.astype(np.float32))
         for array, values in ((self.k1, k1), (self.load, load), (self.dt, dt)):
             array.assign(values.astype(np.float32))
 
@@ -252,7 +247,7 @@ class Sheets:
         samples = np.zeros((len(self.samples), 4), np.float32)
         fields = []
         self.image_hold[:] = 0.0
-        outline, owner = self.outline.numpy(), self.outline_tube.numpy()
+        outline, owner = self.outline.numpy().astype(int), self.outline_tube.numpy()
         stiffness = self.settings.gain * self.share.numpy()[:, None] * np.abs(self.place.numpy())
         for k, p in enumerate(potentials):
             f = image_kernels.Field()
@@ -292,7 +287,7 @@ class Sheets:
             kernels.sheet_force,
             self.nodes,
             inputs=[
-                self.node_ring, self.ring_tube, self.ring_node, self.ring_s, self.tube_nx, self.tube_ns, self.step, self.mass,
+                self.node_ring, *ring[:2], self.ring_s, self.tube_nx, self.tube_ns, self.step, self.mass,
                 *self.weights.values(), self.k1, self.load, self.node, self.natural,
             ],
             outputs=[self.force],
@@ -318,16 +313,10 @@ class Sheets:
             outputs=[self.delta, self.power],
             device=self.device,
         )
-        x = self.x_factor
         wp.launch(
             integrate.sweep_rings,
             self.rings,
-            inputs=[
-                *ring,
-                self.ring_closed,
-                *(x[n] for n in ("lower1", "lower2", "inverse", "border", "corner")),
-                self.edge,
-            ],
+            inputs=[*ring, self.ring_closed, *self.x_factor.values()],
             outputs=[self.delta],
             device=self.device,
         )
@@ -337,7 +326,7 @@ class Sheets:
                 len(self.line_x),
                 inputs=[
                     self.line_tube, self.line_x, self.tube_nx, self.tube_ns, self.tube_node, self.tube_ring,
-                    *self.s_factor, self.unused, self.unused, self.unused, self.rings,
+                    self.s_factor, self.unused, self.rings,
                 ],
                 outputs=[self.delta, self.force],
                 device=self.device,
@@ -439,12 +428,14 @@ def evenly(curve: np.ndarray, count: int, closed: bool) -> np.ndarray:
     return spline(np.interp(np.linspace(0, t[-1], count, endpoint=not closed), t, fine))
 
 
-def _border(nx: int, ns: int) -> np.ndarray:
-    """Nodes of a sheet's border, ring after ring, in order around it."""
-    grid = np.arange(nx * ns).reshape(ns, nx)
-    return np.concatenate([grid[0, :-1], grid[:-1, -1], grid[-1, :0:-1], grid[:0:-1, 0]])
+def border(v: np.ndarray) -> np.ndarray:
+    """Border nodes of a sheet (N_x, N_s, 3) in order around it, shape (n, 3)."""
+    return np.concatenate([v[:-1, 0], v[-1, :-1], v[:0:-1, -1], v[0, :0:-1]])
 
 
-def _size(v: np.ndarray) -> float:
-    """Mean length of a sheet's two middle lines, nodes of shape (N_x, N_s, 3)."""
+def _size(v: np.ndarray, closed: bool) -> float:
+    """Length of a snake, or mean length of a sheet's two middle lines; nodes (N_x, N_s, 3)."""
+    if v.shape[1] == 1:
+        line = v[:, 0]
+        return length_of(np.concatenate([line, line[:1]]) if closed else line)
     return 0.5 * (length_of(v[:, v.shape[1] // 2]) + length_of(v[v.shape[0] // 2]))

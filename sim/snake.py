@@ -18,7 +18,7 @@ from .potential import RANGE, Potential
 from .problem import Settings, Sheet, Snake, View
 from .reconstruct import CHECK, LOOK, REST, SNAPSHOTS, _thinned
 from .result import LEAST_SUPPORT, MOST_OUTSIDE
-from .sheet import Sheets, evenly, shoelace
+from .sheet import Sheets, border, evenly, shoelace
 
 COARSE = 10.0
 """How much more residual a coarse scale may keep."""
@@ -203,8 +203,7 @@ def _finish(
     else:
         closed = True
         measures = {"area": sheet_area(nodes)}
-        border = np.concatenate([nodes[:-1, 0], nodes[-1, :-1], nodes[:0:-1, -1], nodes[0, :0:-1]])
-        line = scene.views[0].camera.project(border)
+        line = scene.views[0].camera.project(border(nodes))
         line = np.concatenate([line, line[:1]])
     flags, warnings = np.ones(len(line), bool), []
     if space is not None and potential is not None:
@@ -222,8 +221,8 @@ def _finish(
         }
         if measures["supported_share"] < LEAST_SUPPORT:
             warnings.append(
-                f"only {measures['supported_share']:.0%} of the outline lies on edges of the image: check the overlay, draw the"
-                " curve nearer to the outline, or mark with not_here or ignore what it must not take"
+                f"only {measures['supported_share']:.0%} of the outline lies on edges of the image: check the overlay, draw"
+                " the curve nearer to the outline, or mark with not_here or ignore what it must not take"
             )
     if diverged:
         warnings.append("the solver diverged and stopped at its last good state: try a lower solver.step")
