@@ -8,8 +8,8 @@ CLOSEST = wp.constant(0.1)
 
 @wp.func
 def bend(p: wp.vec3, q: wp.vec3, r: wp.vec3):
-    """Second difference p - 2 q + r."""
-    return p - 2.0 * q + r
+    """Second difference p - 2 q + r, of differences, which float32 holds exactly where nodes are near each other."""
+    return (p - q) + (r - q)
 
 
 @wp.func
@@ -85,7 +85,7 @@ def cell_twist(v: wp.array[wp.vec3], weight: wp.array[float], start: int, x: int
     if weight[start + x] == 0.0:
         return wp.vec3(0.0)
     y = wrap(x + 1, n)
-    return weight[start + x] * (v[start + n + y] - v[start + n + x] - v[start + y] + v[start + x])
+    return weight[start + x] * ((v[start + n + y] - v[start + n + x]) - (v[start + y] - v[start + x]))
 
 
 @wp.func

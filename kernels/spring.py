@@ -18,9 +18,15 @@ class Spring:
     n2: int
     n3: int
     weight: wp.vec4
-    density: float  # of a unit load on the point as a load per hx hs
+    density: float  # of a unit force on the point as a load per hx hs
     first: int  # nodes of its object
     last: int
+
+
+@wp.func
+def at_point(s: Spring, x: wp.array[wp.vec3]):
+    """Value at the spring's point between its four nodes."""
+    return s.weight[0] * x[s.n0] + s.weight[1] * x[s.n1] + s.weight[2] * x[s.n2] + s.weight[3] * x[s.n3]
 
 
 @wp.func
@@ -53,8 +59,7 @@ def spring_force(
     s = springs[wp.tid()]
     if s.stiffness == 0.0 or s.reach > 0.0:
         return
-    v = s.weight[0] * node_in[s.n0] + s.weight[1] * node_in[s.n1] + s.weight[2] * node_in[s.n2] + s.weight[3] * node_in[s.n3]
-    e = way(s, eyes, v)
+    e = way(s, eyes, at_point(s, node_in))
     f = s.stiffness * s.density * wp.vec3(e[0], e[1], e[2])
     wp.atomic_add(force_out, s.n0, s.weight[0] * f)
     wp.atomic_add(force_out, s.n1, s.weight[1] * f)
@@ -87,3 +92,44 @@ def volcano_force(
             fall = 1.0 + (e[3] / s.reach) * (e[3] / s.reach)
             f -= s.stiffness / (fall * fall) * wp.vec3(e[0], e[1], e[2])
     force_out[i] = force_out[i] + mass[i] * f
+
+
+@wp.kernel(enable_backward=False)
+def give_way(
+    # model
+    springs: wp.array[Spring],
+    inverse: wp.array2d[float],
+    # state in
+    velocity_in: wp.array[wp.vec3],
+    # out
+    back_out: wp.array[wp.vec3],
+):
+    """Sets what each spring, taken implicitly, takes back of a step, (1/k + B'Z)^-1 B' step (see `step_back`)."""
+    i = wp.tid()
+    c = wp.vec3(0.0)
+    for j in range(springs.shape[0]):
+        if inverse[i, j] != 0.0:
+            c += inverse[i, j] * at_point(springs[j], velocity_in)
+    back_out[i] = c
+
+
+@wp.kernel(enable_backward=False)
+def step_back(
+    # model
+    reply: wp.array2d[float],
+    # state in
+    back_in: wp.array[wp.vec3],
+    # out
+    node_out: wp.array[wp.vec3],
+    velocity_out: wp.array[wp.vec3],
+):
+    """Takes Z (1/k + B'Z)^-1 B' step from positions and step: it is then the scheme's step with the springs in its matrix.
+
+    Woodbury's formula, whatever the scheme: column j of Z is its step under a unit force at spring j, B is where they hang.
+    """
+    i = wp.tid()
+    d = wp.vec3(0.0)
+    for j in range(back_in.shape[0]):
+        d += reply[j, i] * back_in[j]
+    node_out[i] = node_out[i] - d
+    velocity_out[i] = velocity_out[i] - d

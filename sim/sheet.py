@@ -74,7 +74,6 @@ class Sheets:
             for k, o in enumerate(objects)
         ]  # fmt: skip
         self.springs = Springs(bodies, self.mass.numpy().prod(axis=1), device)
-        self.image_hold = np.zeros(self.nodes)
         self.sigmas = [0.0] * len(objects)
         self.set_material()
 
@@ -191,12 +190,11 @@ class Sheets:
         return shoelace(points) > 0
 
     def set_material(self) -> None:
-        """Writes weights and factors, by what springs and image hold now."""
+        """Writes weights and factors."""
         flat = {name: np.zeros(self.nodes) for name in self.weights}
         x = {"factor": np.zeros((self.nodes, 3)), "border": np.zeros((self.nodes, 2)), "corner": np.zeros((self.rings, 3))}
         s = np.zeros((self.nodes, 3))
         k1, load, dt = np.zeros(len(self.grids)), np.zeros((len(self.grids), 3)), np.zeros(len(self.grids))
-        hold = self.image_hold + self.springs.hold
         for k, o in enumerate(self.objects):
             (nx, ns), nodes, rings = self.grids[k], self.nodes_of(k), self.rings_of(k)
             if isinstance(o.material, SnakeMaterial):
@@ -215,21 +213,35 @@ class Sheets:
                 grid["w10"][:, -1] = grid["w11"][:, -1] = grid["w20"][:, 0] = grid["w20"][:, -1] = 0.0
             for name in grid:
                 flat[name][nodes] = grid[name].ravel()
-            mass = self.mass.numpy()[nodes].reshape(ns, nx, 2)
-            diagonal, first, second = cyclic_bands(grid["w10"] + 2 * k1[k] * self._uncut(k), grid["w20"], self.spacing[k][0])
-            extra = dt[k] * (diagonal + hold[nodes].reshape(ns, nx) / mass[..., 1])
-            factors = factor_cyclic(mass[..., 0] + extra, dt[k] * first, dt[k] * second)
+            # what twists is stiff too, and no line has it: as much again for the lines, at most
+            twice = 1 + bool(np.any(grid["w11"]))
+            hx, hs = self.spacing[k]
+            across, along = grid["w10"] + 2 * k1[k] * self._uncut(k), grid["w01"].T
+            diagonal, first, second = (twice * band for band in cyclic_bands(across, grid["w20"], hx))
+            # the image's own stiffness: all along a snake, at the ends of a sheet's lines
+            hold, around = self.settings.gain * (self.sigmas[k] > 0), self.mass.numpy()[nodes].reshape(ns, nx, 2)[..., 0]
+            diagonal = diagonal + hold * (around if ns == 1 else 2 * (1 - around) / hx)
+            factors = factor_cyclic(around + dt[k] * diagonal, dt[k] * first, dt[k] * second)
             x["factor"][nodes], x["border"][nodes] = factors["factor"].reshape(-1, 3), factors["border"].reshape(-1, 2)
             x["corner"][rings] = factors["corner"]
             if ns > 1:
-                along = SolverADI._along(grid["w01"].T, grid["w02"].T, dt[k], False)
-                s[nodes] = along.transpose(1, 0, 2).reshape(-1, 3)
+                ends = hold * 4 * (1 - end_mass(ns)) / hs
+                lines = SolverADI._along(twice * along, twice * grid["w02"].T, dt[k], False, extra=ends)
+                s[nodes] = lines.transpose(1, 0, 2).reshape(-1, 3)
         for arrays, host in ((self.weights, flat), (self.x_factor, x)):
             for name, array in arrays.items():
                 array.assign(host[name].astype(np.float32))
         self.s_factor.assign(s.astype(np.float32))
         for array, values in ((self.k1, k1), (self.load, load), (self.dt, dt)):
             array.assign(values.astype(np.float32))
+        self.springs.take_implicitly(self._step_under)
+
+    def _step_under(self, load: np.ndarray) -> np.ndarray:
+        """Step of nodes at rest under a load, both (N,) and in one direction."""
+        dt = np.repeat(self.dt.numpy(), np.diff(self.node_start))
+        self.delta.assign(((dt * load)[:, None] * [1.0, 0.0, 0.0]).astype(np.float32))
+        self._solve_lines()
+        return self.delta.numpy()[:, 0].astype(float)
 
     def _uncut(self, k: int) -> np.ndarray:
         """1 on the edges of object k's lines, 0 on the one that a cut takes away, shape (N_x,)."""
@@ -239,16 +251,14 @@ class Sheets:
 
     @staticmethod
     def _long_step(m: SheetMaterial) -> float:
-        """A step in which a sheet's own slow modes move as far as the image would move it in `STEP`."""
-        return max(STEP, 1 / max(np.pi**2 * max(m.w10, m.w01) + np.pi**4 * max(m.w20, m.w11, m.w02), 1e-6))
+        """As far as a sheet's own slow modes bear: those that twist it, which no line resists, move by 288 w11 dt."""
+        slowest = np.pi**2 * max(m.w10, m.w01) + np.pi**4 * max(m.w20, m.w02)
+        return min(max(STEP, 1 / max(slowest, 1e-9)), 1 / max(288 * m.w11, 1e-9), 1e4)
 
     def set_potentials(self, potentials: list[Potential | None]) -> None:
         """Hands the potentials of one scale to the kernels, and makes the factors anew."""
         samples = np.zeros((len(self.samples), 4), np.float32)
         fields = []
-        self.image_hold[:] = 0.0
-        outline, owner = self.outline.numpy().astype(int), self.outline_tube.numpy()
-        stiffness = self.settings.gain * self.share.numpy()[:, None] * np.abs(self.place.numpy())
         for k, p in enumerate(potentials):
             f = image_kernels.Field()
             if p is not None:
@@ -261,7 +271,6 @@ class Sheets:
                 f.gain = self.settings.gain
                 if self.settings.force == "paper":
                     f.gain *= self.pixel(k) ** 2
-                np.add.at(self.image_hold, outline[owner == k], stiffness[owner == k])
             fields.append(f)
         self.samples.assign(samples)
         self.fields.assign(wp.array(fields, dtype=image_kernels.Field, device="cpu").numpy())
@@ -313,24 +322,7 @@ class Sheets:
             outputs=[self.delta, self.power],
             device=self.device,
         )
-        wp.launch(
-            integrate.sweep_rings,
-            self.rings,
-            inputs=[*ring, self.ring_closed, *self.x_factor.values()],
-            outputs=[self.delta],
-            device=self.device,
-        )
-        if len(self.line_x):
-            wp.launch(
-                integrate.sweep_meridians,
-                len(self.line_x),
-                inputs=[
-                    self.line_tube, self.line_x, self.tube_nx, self.tube_ns, self.tube_node, self.tube_ring,
-                    self.s_factor, self.unused, self.rings,
-                ],
-                outputs=[self.delta, self.force],
-                device=self.device,
-            )  # fmt: skip
+        self._solve_lines()
         wp.launch(
             integrate.gather_momentum,
             len(self.grids),
@@ -345,6 +337,28 @@ class Sheets:
             outputs=[self.node, self.velocity, self.residuals],
             device=self.device,
         )
+        self.springs.give_back(self.node, self.velocity)
+
+    def _solve_lines(self) -> None:
+        """Turns dt R in `delta` into the step, in place: the two sweeps of the ADI step (section 5)."""
+        wp.launch(
+            integrate.sweep_rings,
+            self.rings,
+            inputs=[self.ring_tube, self.ring_node, self.tube_nx, self.ring_closed, *self.x_factor.values()],
+            outputs=[self.delta],
+            device=self.device,
+        )
+        if len(self.line_x):
+            wp.launch(
+                integrate.sweep_meridians,
+                len(self.line_x),
+                inputs=[
+                    self.line_tube, self.line_x, self.tube_nx, self.tube_ns, self.tube_node, self.tube_ring,
+                    self.s_factor, self.unused, self.rings,
+                ],
+                outputs=[self.delta, self.force],
+                device=self.device,
+            )  # fmt: skip
 
     def deal(self) -> None:
         """Spaces the nodes of every snake evenly along it."""

@@ -24,8 +24,8 @@ COARSE = 10.0
 """How much more residual a coarse scale may keep."""
 FINE = 8
 """Points of the smooth curve for each node, by which a snake is measured and drawn."""
-LOST = 10.0
-"""Step over dt at which the solver has diverged [own units]."""
+LOST = 1e3
+"""Distance from its first place at which an object is lost [own units]."""
 
 
 @dataclass
@@ -155,7 +155,7 @@ def deform(
                 progress.residual = scene.residual()
                 at_rest = progress.residual < tolerance and (not finest or moved < REST)
                 converged = at_rest and not (finest and scene.springs.pending(progress.iteration))
-                if not progress.residual < LOST:
+                if not np.abs(scene.node.numpy()).max() < LOST:
                     scene.rewind(start)
                     diverged = True
             stopped = bool(callback and callback(progress))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -87,8 +88,10 @@ class Springs:
         self.tied: list[tuple[list[int], list[float]] | None] = [None] * len(self.list)
         self.array = wp.zeros(len(self.list), dtype=kernels.Spring, device=device)  # pyright: ignore
         self.mass = wp.array(mass.astype(np.float32), dtype=float, device=device)
-        self.hold = np.zeros(len(mass))
-        """stiffness at each node, per hx hs, that a solver should take implicitly, shape (N,)."""
+        m = len(self.list)
+        self.reply = wp.zeros((m, len(mass)), dtype=float, device=device)
+        self.inverse, self.back = wp.zeros((m, m), dtype=float, device=device), wp.zeros(m, dtype=wp.vec3, device=device)
+        self.iteration = -1
 
     def __len__(self) -> int:
         return len(self.list)
@@ -107,7 +110,7 @@ class Springs:
 
     def set(self, iteration: int, positions: np.ndarray) -> None:
         """Writes what holds at an iteration; those that take hold are tied where the object is now, positions (N, 3)."""
-        self.hold[:] = 0.0
+        self.iteration = iteration
         values = []
         for i, (spring, body) in enumerate(zip(self.list, self.owners, strict=True)):
             value = kernels.Spring()
@@ -129,12 +132,49 @@ class Springs:
                     self.tied[i] = tied
                     value.n0, value.n1, value.n2, value.n3 = tied[0]
                     value.weight = wp.vec4(*tied[1])
-                    np.add.at(self.hold, tied[0], np.array(tied[1]) * spring.stiffness * value.density)
             else:
                 self.tied[i] = None
             values.append(value)
         if values:
             self.array.assign(wp.array(values, dtype=kernels.Spring, device="cpu").numpy())
+
+    def take_implicitly(self, step_under: Callable[[np.ndarray], np.ndarray]) -> None:
+        """Makes `give_back` anew; to be called after `set`, and after material or time step changed.
+
+        Args:
+            step_under: what a solver's step does to nodes at rest, (N,), under loads per hx hs on them, (N,).
+        """
+        held = [i for i, spring in enumerate(self.list) if spring.reach is None and spring.holds(self.iteration)]
+        reply, inverse = np.zeros(self.reply.shape), np.zeros(self.inverse.shape)
+        hangs = np.zeros((len(held), self.reply.shape[1]))
+        for row, i in enumerate(held):
+            nodes, weights = self.tied[i] or ([], [])
+            np.add.at(hangs[row], nodes, weights)
+            reply[i] = step_under(hangs[row] / np.prod(self.owners[i].spacing))
+        if held:
+            stiffness = np.array([self.list[i].stiffness for i in held])
+            inverse[np.ix_(held, held)] = np.linalg.inv(np.diag(1 / stiffness) + hangs @ reply[held].T)
+        self.reply.assign(reply.astype(np.float32))
+        self.inverse.assign(inverse.astype(np.float32))
+
+    def give_back(self, nodes: wp.array, velocity: wp.array) -> None:
+        """Makes the step just done, `velocity`, one that has the springs in its matrix: launches only."""
+        if not self.list:
+            return
+        wp.launch(
+            kernels.give_way,
+            len(self.list),
+            inputs=[self.array, self.inverse, velocity],
+            outputs=[self.back],
+            device=self.device,
+        )
+        wp.launch(
+            kernels.step_back,
+            len(nodes),
+            inputs=[self.reply, self.back],
+            outputs=[nodes, velocity],
+            device=self.device,
+        )
 
     def add_forces(self, eyes: wp.array, nodes: wp.array, force: wp.array) -> None:
         """Adds their forces: launches only, none where there are no springs."""

@@ -1,0 +1,130 @@
+"""Snakes and sheets: forces against differences of energies, sheets against a direct solution, snakes against discs."""
+
+import numpy as np
+import pytest
+from scipy import sparse
+from scipy.sparse.linalg import spsolve
+
+from symseek.sim.problem import Settings, Sheet, SheetMaterial, Snake, SnakeMaterial, View
+from symseek.sim.sheet import Sheets, oriented
+from symseek.sim.snake import deform
+from symseek.sim.spring import Spring
+from tests import reference
+from tests.rig import EPS
+
+RNG = np.random.default_rng(11)
+BLANK = View(np.full((40, 60), 0.5, np.float32))
+SQUARE = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+
+
+def _plate(nx: int, ns: int, w20: float, w11: float, w02: float, w10: float = 0.0, w01: float = 0.0) -> sparse.csr_array:
+    """Half the Hessian of (3) on an open grid, ring after ring, natural on all sides: sum of w |D v|^2 hx hs."""
+    hx, hs = 1 / (nx - 1), 1 / (ns - 1)
+    mx, ms = sparse.diags_array(reference.end_mass(nx)), sparse.diags_array(reference.end_mass(ns))
+
+    def d1(n, h):
+        return sparse.csr_array(np.diff(np.eye(n), axis=0) / h)
+
+    def d2(n, h):
+        return sparse.csr_array(np.diff(np.eye(n), 2, axis=0) / h**2)
+
+    x1, x2, s1, s2 = d1(nx, hx), d2(nx, hx), d1(ns, hs), d2(ns, hs)
+    k = sparse.kron(ms, w20 * x2.T @ x2 + w10 * x1.T @ x1) + sparse.kron(w02 * s2.T @ s2 + w01 * s1.T @ s1, mx)
+    return (k + 2 * w11 * sparse.kron(s1.T @ s1, x1.T @ x1)).tocsr() * hx * hs
+
+
+def _forces(scene: Sheets) -> np.ndarray:
+    """Forces of one iteration, (N, 3) float64, from its elastic launches; the state stays."""
+    before = scene.node.numpy().copy()
+    scene.force.fill_(np.nan)
+    scene.iterate()
+    scene.rewind(before)
+    return scene.force.numpy().astype(float)
+
+
+def test_sheet_force_is_half_the_gradient_of_3():
+    """On an open, uneven sheet with every weight, natural on all four sides."""
+    nx, ns = 9, 7
+    material = SheetMaterial(w10=0.3, w01=0.5, w20=0.02, w11=0.01, w02=0.03)
+    scene = Sheets([BLANK], [Sheet(SQUARE, grid=(nx, ns), material=material, image=False)], Settings(), "cpu")
+    v = RNG.normal(size=(nx * ns, 3)).astype(np.float32)
+    scene.rewind(v)
+    k = _plate(nx, ns, 0.02, 0.01, 0.03, 0.3, 0.5)
+    gradient = reference.gradient(lambda u: float(np.sum(u * (k @ u))), v.astype(float), 1e-2)
+    h = (nx - 1) * (ns - 1)
+    atol = 64 * EPS * np.abs(v).max() * (0.02 * 8**4 + 0.03 * 6**4 + 0.01 * h**2)
+    np.testing.assert_allclose(_forces(scene), -0.5 * gradient * h, rtol=0, atol=atol)
+    assert np.abs(gradient * h).max() > 1e4 * atol
+
+
+@pytest.mark.parametrize("closed", [True, False])
+def test_snake_force_is_minus_the_gradient_of_its_energy(closed):
+    """(2) and K1/2 (|v'| - L1)^2 of edges longer than the mean, whose length is held; spacing acts along the curve alone."""
+    n, w1, w2, k1 = 12, 0.2, 1e-4, 0.3
+    h = 1 / n if closed else 1 / (n - 1)
+    angle = np.linspace(0, 2 * np.pi, n, endpoint=False)
+    points = 20 + 10 * np.stack([np.cos(angle), np.sin(angle)], 1) + RNG.normal(size=(n, 2))
+    snake = Snake(oriented(points), closed=closed, nodes=n, material=SnakeMaterial(w1, w2, k1))
+    scene = Sheets([BLANK], [snake], Settings(gain=0.0, potential="brightness"), "cpu")
+    v = (scene.node.numpy() + 0.02 * RNG.normal(size=(n, 3))).astype(np.float32)
+    scene.rewind(v)
+
+    def edges(u):
+        return (np.roll(u, -1, axis=0) - u)[: n if closed else n - 1]
+
+    natural = np.linalg.norm(edges(v.astype(float)), axis=1).mean()
+
+    def energy(u):
+        e = edges(u)
+        bend = np.roll(u, -1, axis=0) - 2 * u + np.roll(u, 1, axis=0)
+        bend = bend if closed else bend[1:-1]
+        long = np.maximum(np.linalg.norm(e, axis=1) - natural, 0)
+        return 0.5 * h * (w1 * np.sum(e**2) / h**2 + w2 * np.sum(bend**2) / h**4 + k1 * np.sum(long**2) / h**2)
+
+    u = v.astype(float)
+    expected = -reference.gradient(energy, u, 1e-6) / h
+    t = np.roll(u, -1, axis=0) - np.roll(u, 1, axis=0)
+    t /= np.linalg.norm(t, axis=1, keepdims=True)
+    even = k1 / h**2 * np.sum((np.roll(u, -1, axis=0) - 2 * u + np.roll(u, 1, axis=0)) * t, axis=1)[:, None] * t
+    if not closed:
+        even[[0, -1]] = 0
+    force = _forces(scene)
+    np.testing.assert_allclose(force, expected + even, rtol=0, atol=1e-4 * np.abs(force).max())
+
+
+@pytest.mark.parametrize("load", [0.4, -0.1])
+def test_sheet_held_at_its_corners_under_an_even_load(load):
+    """Against the sparse direct solution of the same discrete plate, springs included."""
+    nx, ns, w, stiffness = 17, 13, 0.02, 5.0
+    corners = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)]
+    springs = tuple(Spring(tuple(map(float, a)), point=p, stiffness=stiffness) for a, p in zip(SQUARE, corners, strict=True))
+    sheet = Sheet(SQUARE, grid=(nx, ns), material=SheetMaterial(0, 0, w, w, w), load=(0.0, 0.0, load), image=False,
+                  springs=springs)  # fmt: skip
+    found = deform([BLANK], [sheet], Settings(iterations=20000, tolerance=1e-7)).objects[0]
+    k = _plate(nx, ns, w, w, w).tolil()
+    at = [0, nx - 1, nx * ns - 1, nx * (ns - 1)]
+    for i in at:
+        k[i, i] += stiffness
+    mass = np.kron(reference.end_mass(ns), reference.end_mass(nx)) / ((nx - 1) * (ns - 1))
+    z = spsolve(k.tocsr(), mass * load).reshape(ns, nx).T
+    assert found.converged
+    np.testing.assert_allclose(found.nodes[0, ..., 2], z, atol=2e-3 * np.abs(z).max())
+    # in its plane nothing pulls
+    np.testing.assert_allclose(found.nodes[0, :, 0, 0], np.linspace(0, 1, nx), atol=1e-3)
+
+
+def test_sheet_converges_with_its_grid():
+    """The middle of a plate on four corner springs: second order from 9 to 33 nodes a side."""
+    middles = []
+    for n in (9, 17, 33):
+        k = _plate(n, n, 0.02, 0.02, 0.02).tolil()
+        for i in (0, n - 1, n * n - 1, n * (n - 1)):
+            k[i, i] += 5.0
+        mass = np.kron(reference.end_mass(n), reference.end_mass(n)) / (n - 1) ** 2
+        middles.append(spsolve(k.tocsr(), mass * 0.4)[n * n // 2])
+    springs = tuple(Spring(tuple(map(float, a)), point=(float(a[0]), float(a[1])), stiffness=5.0) for a in SQUARE)
+    material = SheetMaterial(0, 0, 0.02, 0.02, 0.02)
+    sheet = Sheet(SQUARE, grid=(17, 17), material=material, load=(0, 0, 0.4), image=False, springs=springs)
+    found = deform([BLANK], [sheet], Settings(iterations=20000, tolerance=1e-7)).objects[0].nodes[0, 8, 8, 2]
+    # the grid's own error is far larger than the solver's
+    assert abs(found - middles[1]) < 0.1 * abs(middles[2] - middles[1])
