@@ -12,6 +12,8 @@ from .initial import deal, fading, initial_tube, lift
 from .model import Model, State
 from .potential import Potential, ScaleSpace
 from .problem import Settings, Tube, View
+from .solvers.base import end_mass
+from .spring import Body, Springs
 
 LINE_LOAD = 0.04
 """Stiffness of the contour: force a displacement for each unit of contour length and of s."""
@@ -42,6 +44,14 @@ class Assembly:
         self.model.set_cameras([self._own_camera(v.camera) for v in views])
         self.state = State(self.model)
         self._start()
+        own = self._own_camera(camera)
+        bodies = [
+            Body(list(t.springs), int(self.model.node_start[k]), t.grid, True, (1 / t.grid[0], 1 / (t.grid[1] - 1)),
+                 self.unit, self.origin, own, 0)
+            for k, t in enumerate(tubes)
+        ]  # fmt: skip
+        mass = np.concatenate([np.repeat(end_mass(ns), nx) for nx, ns in self.model.grids])
+        self.springs = Springs(bodies, mass, device)
 
     def _own_camera(self, camera: Camera) -> Camera:
         """A camera that takes points in the model's units."""

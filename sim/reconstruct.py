@@ -8,9 +8,10 @@ from collections.abc import Callable
 import numpy as np
 import warp as wp
 
-from ..kernels import contour, coupling, elastic, integrate
+from ..kernels import contour, coupling, elastic, integrate, spring
 from .assembly import Assembly
 from .force import add_forces
+from .model import State
 from .potential import Potential
 from .problem import Settings, Tube, View
 from .result import ObjectResult, Result, finish
@@ -60,9 +61,25 @@ class _Loop:
         self.solver: Solver = make_solver(s.scheme, scene.model, s.step, slow, momentum)
         with wp.ScopedCapture(device=scene.device, force_module_load=False) as capture:
             add_forces(scene.model, scene.state, s.contour, s.force == "paper", s.tau)
+            scene.springs.add_forces(scene.model.eyes, scene.state.tube, scene.state.force)
             self.solver.step(scene.state)
+            scene.springs.give_back(scene.state.tube, scene.state.velocity)
         assert capture.graph is not None
         self.graph = capture.graph
+
+    def hold_springs(self, iteration: int) -> None:
+        """Lets springs take hold and let go, and the scheme take them implicitly."""
+        springs, trial = self.scene.springs, State(self.scene.model)
+
+        def step_under(load: np.ndarray) -> np.ndarray:
+            trial.force.assign((load[:, None] * [1.0, 0.0, 0.0]).astype(np.float32))
+            trial.tube.zero_()
+            trial.velocity.zero_()
+            self.solver.step(trial)
+            return trial.tube.numpy()[:, 0].astype(float)
+
+        springs.set(iteration, self.scene.state.tube.numpy())
+        springs.take_implicitly(step_under)
 
     def run(self) -> None:
         """One iteration."""
@@ -108,7 +125,7 @@ def reconstruct(
 
     scene = Assembly(views, tubes, settings, device)
     lap("map")
-    for module in (elastic, coupling, contour, integrate):
+    for module in (elastic, coupling, contour, integrate, *[spring] * bool(scene.springs)):
         wp.load_module(module, device=device)
     lists = [space.sigmas for space in scene.spaces]
     stages = max(len(x) for x in lists)
@@ -132,6 +149,7 @@ def reconstruct(
         scene.hold_depth()
         scene.set_material(max(LEAST_SHARE, (sigmas[0] / lists[0][0]) ** 2))
         loop.solver.material_changed()
+        loop.hold_springs(progress.iteration)
         scene.stand_still()
         start, begun, again = scene.positions(), progress.iteration, False
         tolerance = settings.tolerance * (1.0 if stage == stages - 1 else COARSE)
@@ -142,17 +160,21 @@ def reconstruct(
             if progress.iteration % max(CHECK, settings.iterations // (10 * SNAPSHOTS)) == 0:
                 for k in range(len(tubes)):
                     history[k].append((*scene.world(k), sigmas[k]))
+            if scene.springs.due(progress.iteration):
+                loop.hold_springs(progress.iteration)
             loop.run()
             progress.iteration += 1
             if stage == stages - 1 and (progress.iteration - begun) % LOOK == 0:
                 moved, before = scene.moved(before), scene.positions()[0]
             if progress.iteration % CHECK == 0 or progress.iteration == end:
                 progress.residual = loop.residual()
-                converged = progress.residual < tolerance and (stage < stages - 1 or moved < REST)
+                at_rest = progress.residual < tolerance and (stage < stages - 1 or moved < REST)
+                converged = at_rest and not (stage == stages - 1 and scene.springs.pending(progress.iteration))
                 if not progress.residual < LOST:
                     scene.rewind(start)
                     diverged, again = again, True
                     loop = _Loop(scene, careful=True)
+                    loop.hold_springs(progress.iteration)
             stopped = bool(callback and callback(progress))
         lap("solve")
         if stopped or diverged:

@@ -101,7 +101,7 @@ def test_sheet_held_at_its_corners_under_an_even_load(load):
     sheet = Sheet(SQUARE, grid=(nx, ns), material=SheetMaterial(0, 0, w, w, w), load=(0.0, 0.0, load), image=False,
                   springs=springs)  # fmt: skip
     found = deform([BLANK], [sheet], Settings(iterations=20000, tolerance=1e-7)).objects[0]
-    k = _plate(nx, ns, w, w, w).tolil()
+    k = sparse.lil_array(_plate(nx, ns, w, w, w))
     at = [0, nx - 1, nx * ns - 1, nx * (ns - 1)]
     for i in at:
         k[i, i] += stiffness
@@ -117,7 +117,7 @@ def test_sheet_converges_with_its_grid():
     """The middle of a plate on four corner springs: second order from 9 to 33 nodes a side."""
     middles = []
     for n in (9, 17, 33):
-        k = _plate(n, n, 0.02, 0.02, 0.02).tolil()
+        k = sparse.lil_array(_plate(n, n, 0.02, 0.02, 0.02))
         for i in (0, n - 1, n * n - 1, n * (n - 1)):
             k[i, i] += 5.0
         mass = np.kron(reference.end_mass(n), reference.end_mass(n)) / (n - 1) ** 2
