@@ -19,7 +19,7 @@ from .camera import Camera
 from .foreground import length_of
 from .initial import lift
 from .model import eye_of
-from .potential import Potential, ScaleSpace
+from .potential import RANGE, Potential, ScaleSpace
 from .problem import Settings, Sheet, SheetMaterial, Snake, SnakeMaterial, View
 from .region import no_map, region_map
 from .solvers.adi import SolverADI
@@ -198,8 +198,7 @@ class Sheets:
         for k, o in enumerate(self.objects):
             (nx, ns), nodes, rings = self.grids[k], self.nodes_of(k), self.rings_of(k)
             if isinstance(o.material, SnakeMaterial):
-                bend = (BEND * self.sigmas[k] * self.pixel(k)) ** 4
-                values = {"w10": o.material.w1, "w20": bend if o.material.w2 is None else o.material.w2}
+                values = {"w10": o.material.w1, "w20": self._bend(k) if o.material.w2 is None else o.material.w2}
                 k1[k], dt[k] = o.material.k1, STEP
             else:
                 values = {name: getattr(o.material, name) for name in self.weights}
@@ -235,6 +234,18 @@ class Sheets:
         for array, values in ((self.k1, k1), (self.load, load), (self.dt, dt)):
             array.assign(values.astype(np.float32))
         self.springs.take_implicitly(self._step_under)
+
+    def _bend(self, k: int) -> np.ndarray:
+        """Rigidity of a snake's nodes, as far as the image is smoothed, and beside springs as far as they pull."""
+        n, first = self.grids[k][0], int(self.node_start[k])
+        bend = np.full(n, float(self.sigmas[k]))
+        for i in self.springs.holding(k):
+            nodes, _ = self.springs.tied[i] or ([first], [])
+            apart = np.abs(np.arange(n) - (nodes[0] - first))
+            apart = np.minimum(apart, n - apart) if self.round[k] else apart
+            near = np.exp(-((apart * self.spacing[k][0] / self.pixel(k) / (2 * max(self.springs.way[i], 1.0))) ** 2))
+            bend = np.maximum(bend, near * self.springs.way[i] / RANGE)
+        return (BEND * bend * self.pixel(k)) ** 4
 
     def _step_under(self, load: np.ndarray) -> np.ndarray:
         """Step of nodes at rest under a load, both (N,) and in one direction."""
@@ -383,10 +394,13 @@ class Sheets:
         nx, ns = self.grids[k]
         return self.node.numpy()[self.nodes_of(k)].reshape(ns, nx, 3).transpose(1, 0, 2).astype(float)
 
-    def world(self, k: int) -> tuple[np.ndarray, np.ndarray]:
-        """Nodes (N_x, N_s, 3) and middle line (N_s, 3) of object k: of a snake image px, of a sheet world units."""
-        nodes = self.own(k) * self.units[k] + self.origins[k]
-        return nodes, nodes.mean(axis=0)
+    def world(self, k: int) -> np.ndarray:
+        """Nodes of object k, shape (N_x, N_s, 3): of a snake image px, of a sheet world units."""
+        return self.own(k) * self.units[k] + self.origins[k]
+
+    def pulls(self, k: int) -> list[np.ndarray]:
+        """Springs that hold object k now, from it to their anchors, segments (2, 2) of image points."""
+        return self.springs.segments(k, self.node.numpy())
 
     def residual(self) -> float:
         """Root mean square of the step over dt, all rings [own units]."""

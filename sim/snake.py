@@ -13,6 +13,7 @@ import warp as wp
 from ..kernels import integrate
 from ..kernels import sheet as sheet_kernels
 from ..kernels import spring as spring_kernels
+from .camera import Camera
 from .measure import contour_support
 from .potential import RANGE, Potential
 from .problem import Settings, Sheet, Snake, View
@@ -42,8 +43,8 @@ class LineResult:
     support: list[np.ndarray]
     """for each piece, which points image data supports, shape (m,), bool."""
     measures: dict[str, Any]
-    history: list[tuple[np.ndarray, np.ndarray, float]]
-    """nodes (N_x, N_s, 3), middle line, sigma [px], from the first state to the last."""
+    history: list[tuple[np.ndarray, list[np.ndarray], float]]
+    """nodes (N_x, N_s, 3), springs that hold as segments (2, 2) of image points, sigma [px]; first state to last."""
     iterations: int = 0
     converged: bool = True
     trusted: bool = True
@@ -71,7 +72,7 @@ class Progress:
 
     def nodes(self, k: int = 0) -> np.ndarray:
         """Nodes of object k now, shape (N_x, N_s, 3): of a snake image px, of a sheet world units."""
-        return self._scene.world(k)[0]
+        return self._scene.world(k)
 
 
 def deform(
@@ -145,7 +146,7 @@ def deform(
                 held, before, begun, moved = now, now, progress.iteration, np.inf
             if progress.iteration % max(CHECK, settings.iterations // (10 * SNAPSHOTS)) == 0:
                 for k in range(len(objects)):
-                    history[k].append((*scene.world(k), sigmas[k]))
+                    history[k].append((scene.world(k), scene.pulls(k), sigmas[k]))
             wp.capture_launch(capture.graph)
             progress.iteration += 1
             if finest and (progress.iteration - begun) % LOOK == 0:
@@ -163,7 +164,7 @@ def deform(
         lap("solve")
     results = []
     for k in range(len(objects)):
-        history[k].append((*scene.world(k), progress.sigma))
+        history[k].append((scene.world(k), scene.pulls(k), progress.sigma))
         results.append(
             _finish(scene, k, potentials[progress.stage][k], _thinned(history[k]), progress.iteration, converged, diverged)
         )
@@ -190,21 +191,15 @@ def _finish(
     scene: Sheets, k: int, potential: Potential | None, history: list, iterations: int, converged: bool, diverged: bool
 ) -> LineResult:
     """Measures object k as it is now, and says what speaks against it."""
-    o, space, nodes = scene.objects[k], scene.spaces[k], scene.world(k)[0]
+    o, space, nodes = scene.objects[k], scene.spaces[k], scene.world(k)
     scale = 1 / float(np.linalg.norm(scene.views[0].camera.matrix[0, :3])) if scene.views[0].camera.affine else 1.0
-    measures: dict[str, Any]
+    line = outline(o, nodes, scene.views[0].camera)
+    closed = isinstance(o, Sheet) or o.closed
+    measures: dict[str, Any] = {"area": sheet_area(nodes)} if isinstance(o, Sheet) else {}
     if isinstance(o, Snake):
-        closed, curve = o.closed, nodes[:, 0, :2]
-        line = evenly(curve, FINE * o.nodes, closed)
-        line = np.concatenate([line, line[:1]]) if closed else line
-        measures = {"length": float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum()) * scale}
+        measures["length"] = float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum()) * scale
         if closed:
             measures["area"] = shoelace(line[:-1]) * scale**2
-    else:
-        closed = True
-        measures = {"area": sheet_area(nodes)}
-        line = scene.views[0].camera.project(border(nodes))
-        line = np.concatenate([line, line[:1]])
     flags, warnings = np.ones(len(line), bool), []
     if space is not None and potential is not None:
         e = np.gradient(line, axis=0)
@@ -244,6 +239,22 @@ def _finish(
         trusted=not warnings,
         warnings=warnings,
     )
+
+
+def outline(o: Snake | Sheet, nodes: np.ndarray, camera: Camera) -> np.ndarray:
+    """A snake's smooth curve, a sheet's border as the camera sees it, shape (m, 2); closed ones end as they begin."""
+    if isinstance(o, Sheet):
+        line = camera.project(border(nodes))
+    else:
+        line = evenly(nodes[:, 0, :2], FINE * o.nodes, o.closed)
+        if not o.closed:
+            return line
+    return np.concatenate([line, line[:1]])
+
+
+def grid_lines(nodes: np.ndarray) -> list[np.ndarray]:
+    """Lines of a sheet's grid (N_x, N_s, 3), polylines of shape (n, 3)."""
+    return [*nodes, *nodes.transpose(1, 0, 2)]
 
 
 def sheet_mesh(nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

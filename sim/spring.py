@@ -86,6 +86,8 @@ class Springs:
         self.owners = [body for body in bodies for _ in body.springs]
         self.list = [spring for body in bodies for spring in body.springs]
         self.tied: list[tuple[list[int], list[float]] | None] = [None] * len(self.list)
+        self.way = [0.0] * len(self.list)
+        """how far the object was from the anchor when the spring took hold [image px]."""
         self.array = wp.zeros(len(self.list), dtype=kernels.Spring, device=device)  # pyright: ignore
         self.mass = wp.array(mass.astype(np.float32), dtype=float, device=device)
         m = len(self.list)
@@ -129,7 +131,9 @@ class Springs:
                     tied = self.tied[i] or (
                         body.nodes(spring.point) if spring.point is not None else body.nearest(spring.near or (), positions)
                     )
-                    self.tied[i] = tied
+                    if self.tied[i] is None:
+                        self.tied[i] = tied
+                        self.way[i] = float(np.linalg.norm(np.diff(self._segment(i, positions), axis=0)))
                     value.n0, value.n1, value.n2, value.n3 = tied[0]
                     value.weight = wp.vec4(*tied[1])
             else:
@@ -137,6 +141,20 @@ class Springs:
             values.append(value)
         if values:
             self.array.assign(wp.array(values, dtype=kernels.Spring, device="cpu").numpy())
+
+    def segments(self, k: int, positions: np.ndarray) -> list[np.ndarray]:
+        """Springs that hold body k, from where they are tied to their anchors, image points (2, 2) each."""
+        return [self._segment(i, positions) for i in self.holding(k)]
+
+    def holding(self, k: int) -> list[int]:
+        """Springs that hold body k now, volcanoes left out."""
+        return [i for i, tied in enumerate(self.tied) if tied is not None and self.owners[i] is self.bodies[k]]
+
+    def _segment(self, i: int, positions: np.ndarray) -> np.ndarray:
+        (nodes, weights), body, anchor = self.tied[i] or ([], []), self.owners[i], np.array(self.list[i].anchor)
+        if len(anchor) == 3:
+            anchor = body.camera.project((anchor - body.origin) / body.unit)
+        return np.stack([body.camera.project(np.array(weights) @ positions[nodes].astype(float)), anchor])
 
     def take_implicitly(self, step_under: Callable[[np.ndarray], np.ndarray]) -> None:
         """Makes `give_back` anew; to be called after `set`, and after material or time step changed.

@@ -13,7 +13,8 @@ if TYPE_CHECKING:
     from .scene import Scene, load
     from .sim.camera import Camera
     from .sim.material import Material
-    from .sim.problem import Settings, Tube, View
+    from .sim.problem import Settings, Sheet, SheetMaterial, Snake, SnakeMaterial, Tube, View
+    from .sim.spring import Spring
 
 __version__ = "0.1.0"
 
@@ -24,6 +25,11 @@ __all__ = [
     "Scene",
     "SceneError",
     "Settings",
+    "Sheet",
+    "SheetMaterial",
+    "Snake",
+    "SnakeMaterial",
+    "Spring",
     "Tube",
     "View",
     "__version__",
@@ -42,6 +48,11 @@ _HOMES = {
     "Camera": "sim.camera",
     "Material": "sim.material",
     "Settings": "sim.problem",
+    "Sheet": "sim.problem",
+    "SheetMaterial": "sim.problem",
+    "Snake": "sim.problem",
+    "SnakeMaterial": "sim.problem",
+    "Spring": "sim.spring",
     "Tube": "sim.problem",
     "View": "sim.problem",
 }

@@ -31,7 +31,21 @@ OBJECT_KEYS = [*SHARED_KEYS, *dict.fromkeys(key for keys in KINDS.values() for k
 SPRING_KEYS = ["anchor", "point", "near", "stiffness", "reach", "start", "stop"]
 
 
-def _object(table: Table, view: View, scale: float, default_name: str | None, settings: Settings) -> Tube | Snake | Sheet:
+def build_object(
+    table: Table, view: View, scale: float, default_name: str | None, settings: Settings
+) -> Tube | Snake | Sheet:
+    """One object from its table.
+
+    Args:
+        table: with the keys OBJECT_KEYS.
+        view: the first one.
+        scale: world units per pixel.
+        default_name: where the table has none; None: it must have one.
+        settings: of the solver.
+
+    Raises:
+        SceneError: a value is missing, wrong or out of place.
+    """
     kind = table.text("kind", "tube", choices=KINDS)
     for key in table.data:
         if key not in (*SHARED_KEYS, *KINDS[kind]):

@@ -150,7 +150,8 @@ def test_public_names():
 
 
 def test_settings_have_bounds_that_their_defaults_keep():
-    from symseek.scene import MATERIAL_BOUNDS, SETTINGS_BOUNDS
+    from symseek.objects import MATERIAL_BOUNDS
+    from symseek.scene import SETTINGS_BOUNDS
 
     for bounds, default in ((SETTINGS_BOUNDS, symseek.Settings()), (MATERIAL_BOUNDS, symseek.Material())):
         for name, bound in bounds.items():
