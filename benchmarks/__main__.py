@@ -9,13 +9,14 @@ from pathlib import Path
 
 from symseek.device import start_quietly
 
-from . import ablation, accuracy, invariance, lines, photographs, speed
+from . import ablation, accuracy, invariance, lines, photographs, snakes, speed
 
 TABLES = {
     "accuracy": accuracy.main,
     "ablation": ablation.main,
     "invariance": invariance.main,
     "photographs": photographs.main,
+    "snakes": snakes.main,
     "speed": speed.main,
     "lines": lines.main,
 }

@@ -17,10 +17,12 @@ def even(before: wp.vec3, here: wp.vec3, after: wp.vec3):
 
 
 @wp.func
-def stretch(e: wp.vec3, natural: float):
-    """Pull of an edge longer than its natural length, (|e| - L1) e/|e|; none of a shorter one, which would buckle."""
+def stretch(e: wp.vec3, natural: float, last: int):
+    """Pull of an edge longer than its natural length, (|e| - L1) e/|e|; shorter ones, which would buckle, push if last."""
     long = wp.length(e)
-    return wp.max(long - natural, 0.0) / wp.max(long, 1.0e-12) * e
+    if last == 0 and long < natural:
+        return wp.vec3(0.0)
+    return (long - natural) / wp.max(long, 1.0e-12) * e
 
 
 @wp.kernel(enable_backward=False)
@@ -35,16 +37,20 @@ def mean_edges(
     # out
     natural_out: wp.array[float],
 ):
-    """Sets the natural length L1 of a snake's edges, their mean: it resists being drawn out in places, not growing."""
+    """Sets the natural length L1 of a snake's edges: of a closed one their mean, so it may grow, but not in places alone.
+
+    An open one keeps its first length, the unit: nothing else would hold its ends where they are.
+    """
     k = wp.tid()
     n = tube_nx[k]
     start = tube_node[k]
-    edges = n - 1 + seam[k]
+    if seam[k] == 0 or tube_ns[k] > 1:
+        natural_out[k] = 1.0 / float(n - 1)
+        return
     whole = float(0.0)
-    if tube_ns[k] == 1:
-        for x in range(edges):
-            whole += wp.length(node_in[start + (x + 1) % n] - node_in[start + x])
-    natural_out[k] = whole / float(edges)
+    for x in range(n):
+        whole += wp.length(node_in[start + elastic.wrap(x + 1, n)] - node_in[start + x])
+    natural_out[k] = whole / float(n)
 
 
 @wp.kernel(enable_backward=False)
@@ -65,6 +71,7 @@ def sheet_force(
     w02: wp.array[float],
     k1: wp.array[float],
     load: wp.array[wp.vec3],
+    seam: wp.array[int],
     # state in
     node_in: wp.array[wp.vec3],
     natural_in: wp.array[float],
@@ -88,15 +95,15 @@ def sheet_force(
         f += elastic.twist_force(node_in, w11, start, x, n, ring_s[r], ns, hx, hs)
     else:
         v = node_in[i]
-        before = node_in[start + (x + n - 1) % n]
-        after = node_in[start + (x + 1) % n]
+        before = node_in[start + elastic.wrap(x - 1, n)]
+        after = node_in[start + elastic.wrap(x + 1, n)]
         e = wp.vec3(0.0)
-        if m[0] == 1.0:
+        if seam[k] != 0 or (x > 0 and x < n - 1):
             e = even(before, v, after)
-        if x > 0 or m[0] == 1.0:
-            e -= stretch(v - before, natural_in[k])
-        if x < n - 1 or m[0] == 1.0:
-            e += stretch(after - v, natural_in[k])
+        if seam[k] != 0 or x > 0:
+            e -= stretch(v - before, natural_in[k], int(seam[k] == 0 and (x == 1 or x == n - 1)))
+        if seam[k] != 0 or x < n - 1:
+            e += stretch(after - v, natural_in[k], int(seam[k] == 0 and (x == 0 or x == n - 2)))
         f += k1[k] / (hx * hx) * e
     force_out[i] = f + m[0] * m[1] * load[k]
 

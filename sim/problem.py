@@ -51,7 +51,7 @@ class SnakeMaterial:
     w2: float | None = None
     """rigidity (2); None: at each scale it bends over about as far as the image is smoothed (`sim.sheet.BEND`)."""
     k1: float = 1e-2
-    """K1 of its natural lengths L1, the mean of its edges: it is not drawn out in places, and its nodes stay even."""
+    """K1 of its natural lengths L1, the mean of its edges, if open the first ones: no part of it is drawn out."""
 
 
 @dataclass(frozen=True)
@@ -78,11 +78,11 @@ class SheetMaterial:
     """tension across, along x."""
     w01: float = 0.0
     """tension along s."""
-    w20: float = 1e-5
+    w20: float = 1e-4
     """rigidity along x."""
-    w11: float = 1e-5
+    w11: float = 1e-4
     """twist rigidity, at most the root of w20 w02; all three the same: an isotropic plate."""
-    w02: float = 1e-5
+    w02: float = 1e-4
     """rigidity along s."""
 
 

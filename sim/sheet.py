@@ -202,7 +202,7 @@ class Sheets:
                 k1[k], dt[k] = o.material.k1, STEP
             else:
                 values = {name: getattr(o.material, name) for name in self.weights}
-                dt[k] = self._long_step(o.material)
+                dt[k] = STEP if self.sigmas[k] > 0 else self._long_step(o.material)
             if isinstance(o, Sheet):
                 load[k] = np.array(o.load) / self.units[k]
             if self.settings.step is not None:
@@ -243,8 +243,8 @@ class Sheets:
             nodes, _ = self.springs.tied[i] or ([first], [])
             apart = np.abs(np.arange(n) - (nodes[0] - first))
             apart = np.minimum(apart, n - apart) if self.round[k] else apart
-            near = np.exp(-((apart * self.spacing[k][0] / self.pixel(k) / (2 * max(self.springs.way[i], 1.0))) ** 2))
-            bend = np.maximum(bend, near * self.springs.way[i] / RANGE)
+            near = np.exp(-((apart * self.spacing[k][0] / self.pixel(k) / max(self.springs.way[i], 1.0)) ** 2))
+            bend = np.maximum(bend, near * self.springs.way[i] / (2 * RANGE))
         return (BEND * bend * self.pixel(k)) ** 4
 
     def _step_under(self, load: np.ndarray) -> np.ndarray:
@@ -276,7 +276,10 @@ class Sheets:
                 self.sigmas[k] = p.sigma
                 h, w = p.magnitude.shape
                 start = int(self.sample_start[k])
-                samples[start : start + h * w] = p.samples.reshape(-1, 4)
+                each = p.samples.copy()
+                # beyond its border a field has no force, or what has turned inside out there would go on and on
+                each[[0, -1]] = each[:, [0, -1]] = 0.0
+                samples[start : start + h * w] = each.reshape(-1, 4)
                 f.start, f.width, f.height = start, w, h
                 f.x0, f.y0, f.step = *p.origin, p.step
                 f.gain = self.settings.gain
@@ -308,7 +311,7 @@ class Sheets:
             self.nodes,
             inputs=[
                 self.node_ring, *ring[:2], self.ring_s, self.tube_nx, self.tube_ns, self.step, self.mass,
-                *self.weights.values(), self.k1, self.load, self.node, self.natural,
+                *self.weights.values(), self.k1, self.load, self.seam, self.node, self.natural,
             ],
             outputs=[self.force],
             device=self.device,
