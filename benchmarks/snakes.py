@@ -25,8 +25,8 @@ from skimage.segmentation import active_contour
 
 from symseek.cli import demos
 from symseek.device import start_quietly
+from symseek.sim.curve import evenly
 from symseek.sim.problem import Snake, View
-from symseek.sim.sheet import evenly
 from symseek.sim.snake import deform
 
 from .ablation import as_text

@@ -10,13 +10,12 @@ from dataclasses import replace
 
 import numpy as np
 import warp as wp
-from scipy.interpolate import CubicSpline
 
 from ..kernels import image as image_kernels
 from ..kernels import integrate, projection
 from ..kernels import sheet as kernels
 from .camera import Camera
-from .foreground import length_of
+from .curve import between, border, evenly, oriented, shoelace, size
 from .initial import lift
 from .model import eye_of
 from .potential import RANGE, Potential, ScaleSpace
@@ -58,7 +57,7 @@ class Sheets:
             for (nx, ns), closed in zip(self.grids, self.round, strict=True)
         ]
         first = [self._first(o) for o in objects]
-        self.units = [_size(v, closed) for v, closed in zip(first, self.round, strict=True)]
+        self.units = [size(v, closed) for v, closed in zip(first, self.round, strict=True)]
         self.origins = [v.reshape(-1, 3).mean(axis=0) for v in first]
         px = Camera.orthographic()
         self.cameras = [
@@ -416,57 +415,3 @@ class Sheets:
     def rings_of(self, k: int) -> slice:
         """Rings of object k in the flat arrays."""
         return slice(int(self.ring_start[k]), int(self.ring_start[k + 1]))
-
-
-def between(n: int, closed: bool, each: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points of the smooth curve (Catmull-Rom) through n nodes, `each` between two: indices and weights, (m, 4) each.
-
-    Weights are those of the place and of the direction. At an open end the third difference is taken as zero.
-    """
-    t = (np.arange(each) + 0.5) / each
-    place = 0.5 * np.stack([-t + 2 * t**2 - t**3, 2 - 5 * t**2 + 3 * t**3, t + 4 * t**2 - 3 * t**3, t**3 - t**2], axis=1)
-    way = 0.5 * np.stack([-1 + 4 * t - 3 * t**2, -10 * t + 9 * t**2, 1 + 8 * t - 9 * t**2, 3 * t**2 - 2 * t], axis=1)
-    first = np.repeat(np.arange(n if closed else n - 1), each)
-    at = first[:, None] + np.arange(-1, 3)
-    place, way = (np.tile(w, (len(first) // each, 1)) for w in (place, way))
-    if closed:
-        return at % n, place, way
-    for low, from_, to in ((at[:, 0] < 0, 0, (1, 2, 3)), (at[:, 3] >= n, 3, (2, 1, 0))):
-        for w in (place, way):
-            for node, factor in zip(to, (3.0, -3.0, 1.0), strict=True):
-                w[low, node] += factor * w[low, from_]
-            w[low, from_] = 0.0
-    return np.clip(at, 0, n - 1), place, way
-
-
-def shoelace(points: np.ndarray) -> float:
-    """Area within a closed polygon, shape (n, 2); above 0 where it runs clockwise as an image is seen."""
-    x, y = points.T
-    return float(0.5 * np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
-
-
-def oriented(points: np.ndarray) -> np.ndarray:
-    """A closed polygon, shape (n, 2), that runs clockwise as an image is seen."""
-    return points if shoelace(points) > 0 else points[::-1]
-
-
-def evenly(curve: np.ndarray, count: int, closed: bool) -> np.ndarray:
-    """Points at even distances along the smooth curve through nodes, shape (count, d)."""
-    nodes = np.concatenate([curve, curve[:1]]) if closed else curve
-    spline = CubicSpline(np.arange(len(nodes)), nodes, bc_type="periodic" if closed else "not-a-knot")
-    fine = np.linspace(0, len(nodes) - 1, 20 * len(nodes))
-    t = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(spline(fine), axis=0), axis=1))])
-    return spline(np.interp(np.linspace(0, t[-1], count, endpoint=not closed), t, fine))
-
-
-def border(v: np.ndarray) -> np.ndarray:
-    """Border nodes of a sheet (N_x, N_s, 3) in order around it, shape (n, 3)."""
-    return np.concatenate([v[:-1, 0], v[-1, :-1], v[:0:-1, -1], v[0, :0:-1]])
-
-
-def _size(v: np.ndarray, closed: bool) -> float:
-    """Length of a snake, or mean length of a sheet's two middle lines; nodes (N_x, N_s, 3)."""
-    if v.shape[1] == 1:
-        line = v[:, 0]
-        return length_of(np.concatenate([line, line[:1]]) if closed else line)
-    return 0.5 * (length_of(v[:, v.shape[1] // 2]) + length_of(v[v.shape[0] // 2]))

@@ -14,12 +14,13 @@ from ..kernels import integrate
 from ..kernels import sheet as sheet_kernels
 from ..kernels import spring as spring_kernels
 from .camera import Camera
+from .curve import border, evenly, shoelace
 from .measure import contour_support
 from .potential import RANGE, Potential
 from .problem import Settings, Sheet, Snake, View
 from .reconstruct import CHECK, LOOK, REST, SNAPSHOTS, _thinned
 from .result import LEAST_SUPPORT, MOST_OUTSIDE
-from .sheet import Sheets, border, evenly, shoelace
+from .sheet import Sheets
 
 COARSE = 10.0
 """How much more residual a coarse scale may keep."""

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from .checks import Bounds, Table, is_number, shown
+from .sim.curve import shoelace
 from .sim.material import Material
 from .sim.problem import Settings, Sheet, SheetMaterial, Snake, SnakeMaterial, Tube, View
-from .sim.sheet import shoelace
 from .sim.spring import Spring
 
 GRID_MIN, GRID_MAX = (8, 6), 512  # around, along

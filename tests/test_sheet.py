@@ -5,8 +5,9 @@ import pytest
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
+from symseek.sim.curve import oriented
 from symseek.sim.problem import Settings, Sheet, SheetMaterial, Snake, SnakeMaterial, View
-from symseek.sim.sheet import Sheets, oriented
+from symseek.sim.sheet import Sheets
 from symseek.sim.snake import LineResult, deform
 from symseek.sim.spring import Spring
 from tests import reference

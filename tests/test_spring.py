@@ -1,10 +1,15 @@
 """Springs and volcanoes against differences of their energies, implicit against a direct solution, when they hold."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import warp as wp
 
+import symseek
+from symseek import cli
 from symseek.sim.camera import Camera
+from symseek.sim.reconstruct import reconstruct
 from symseek.sim.spring import Body, Spring, Springs
 from tests import reference
 from tests.rig import Rig, circles, even_spine
@@ -71,7 +76,7 @@ def test_spring_to_an_image_point_pulls_in_the_image_alone(name):
 
     def energy(v):
         gap = np.array([120.0, 30.0]) - own.project(_point(v, 0.3, 0.45))
-        return 1.0 * gap @ np.linalg.inv(rows @ rows.T) @ gap
+        return float(gap @ np.linalg.inv(rows @ rows.T) @ gap)
 
     expected = -DENSITY * reference.gradient(energy, rig.tube())
     force = _force(rig, held)
@@ -154,3 +159,23 @@ def test_nearest_in_the_image_is_on_the_near_side():
     held = Springs([body], np.ones(NX * NS), "cpu")
     held.set(0, tube.reshape(-1, 3))
     assert held.tied[0] == ([3 * NX + front] * 4, [1.0, 0.0, 0.0, 0.0])
+
+
+def test_a_spring_pulls_a_tube_and_lets_go():
+    """Off its outline by 25 px and held there; free again, the outline is where it was."""
+    scene = symseek.load(cli.demos()["squash"])
+    rest = reconstruct(scene.views, scene.tubes, scene.settings).objects[0]
+    edge = rest.contour[0][rest.contour[0][:, 1].argmin()]
+    spring = Spring((edge[0], edge[1] - 25), near=tuple(edge), stiffness=0.5, start=1200, stop=1500)
+    tops = {}
+
+    def watch(progress):
+        if progress.iteration in (1199, 1500):
+            tops[progress.iteration] = progress.tube()[..., 1].min()
+
+    found = reconstruct(scene.views, [replace(scene.tubes[0], springs=(spring,))], scene.settings, callback=watch).objects[0]
+    assert abs(tops[1199] - edge[1]) < 2 and abs(tops[1500] - edge[1] + 25) < 1
+    assert found.iterations > 1500
+    after, before = np.concatenate(found.contour), np.concatenate(rest.contour)
+    gap = np.linalg.norm(after[:, None] - before[None], axis=2).min(axis=1)
+    assert gap.max() < 4 and gap.mean() < 0.5  # the tip itself may have rolled
