@@ -5,7 +5,27 @@ from __future__ import annotations
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from .camera import Camera
 from .foreground import length_of
+from .initial import lift
+from .problem import Sheet, Snake
+
+
+def first_nodes(o: Snake | Sheet, camera: Camera) -> np.ndarray:
+    """First nodes (N_x, N_s, 3): of a snake image px, of a sheet in the world."""
+    if isinstance(o, Snake):
+        points = oriented(np.asarray(o.points, float)) if o.closed else np.asarray(o.points, float)
+        line = np.concatenate([points, points[:1]]) if o.closed else points
+        t = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+        want = np.linspace(0, t[-1], o.nodes, endpoint=not o.closed)
+        return np.stack([np.interp(want, t, line[:, 0]), np.interp(want, t, line[:, 1]), 0 * want], axis=1)[:, None]
+    corners = np.asarray(o.corners, float)
+    if corners.shape[1] == 2:
+        corners = lift(corners, camera, o.depth)
+    a, b, c, d = corners
+    x, s = (np.linspace(0, 1, n) for n in o.grid)
+    x, s = x[:, None, None], s[None, :, None]
+    return (1 - s) * ((1 - x) * a + x * b) + s * ((1 - x) * d + x * c)
 
 
 def between(n: int, closed: bool, each: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

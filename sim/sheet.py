@@ -15,8 +15,7 @@ from ..kernels import image as image_kernels
 from ..kernels import integrate, projection
 from ..kernels import sheet as kernels
 from .camera import Camera
-from .curve import between, border, evenly, oriented, shoelace, size
-from .initial import lift
+from .curve import between, border, evenly, first_nodes, shoelace, size
 from .model import eye_of
 from .potential import RANGE, Potential, ScaleSpace
 from .problem import Settings, Sheet, SheetMaterial, Snake, SnakeMaterial, View
@@ -56,7 +55,7 @@ class Sheets:
             (1 / nx if closed else 1 / (nx - 1), 1 / (ns - 1) if ns > 1 else 1.0)
             for (nx, ns), closed in zip(self.grids, self.round, strict=True)
         ]
-        first = [self._first(o) for o in objects]
+        first = [first_nodes(o, views[0].camera) for o in objects]
         self.units = [size(v, closed) for v, closed in zip(first, self.round, strict=True)]
         self.origins = [v.reshape(-1, 3).mean(axis=0) for v in first]
         px = Camera.orthographic()
@@ -75,22 +74,6 @@ class Sheets:
         self.springs = Springs(bodies, self.mass.numpy().prod(axis=1), device)
         self.sigmas = [0.0] * len(objects)
         self.set_material()
-
-    def _first(self, o: Snake | Sheet) -> np.ndarray:
-        """First nodes (N_x, N_s, 3): of a snake image px, of a sheet in the world."""
-        if isinstance(o, Snake):
-            points = oriented(np.asarray(o.points, float)) if o.closed else np.asarray(o.points, float)
-            line = np.concatenate([points, points[:1]]) if o.closed else points
-            t = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
-            want = np.linspace(0, t[-1], o.nodes, endpoint=not o.closed)
-            return np.stack([np.interp(want, t, line[:, 0]), np.interp(want, t, line[:, 1]), 0 * want], axis=1)[:, None]
-        corners = np.asarray(o.corners, float)
-        if corners.shape[1] == 2:
-            corners = lift(corners, self.views[0].camera, o.depth)
-        a, b, c, d = corners
-        x, s = (np.linspace(0, 1, n) for n in o.grid)
-        x, s = x[:, None, None], s[None, :, None]
-        return (1 - s) * ((1 - x) * a + x * b) + s * ((1 - x) * d + x * c)
 
     def _space(self, o: Snake | Sheet, first: np.ndarray) -> ScaleSpace | None:
         """Potentials of the outline; of an open snake those of plain edges, in all colours."""

@@ -198,9 +198,10 @@ def _in_reach(view: View, o: ObjectResult | LineResult, i: int) -> bool:
 
 
 def _mesh(o: ObjectResult | LineResult, i: int) -> tuple[np.ndarray, np.ndarray]:
-    """Mesh of state i of a tube or a sheet."""
+    """Mesh of state i of a tube, or of a sheet with both its sides, to be shaded."""
     if isinstance(o, LineResult):
-        return sheet_mesh(o.history[i][0])
+        vertices, faces = sheet_mesh(o.history[i][0])
+        return np.concatenate([vertices, vertices]), np.concatenate([faces, faces[:, ::-1] + len(vertices)])
     return (o.vertices, o.faces) if i == -1 else refine(o.history[i][0], 64, 3 * o.tube.shape[2])
 
 
