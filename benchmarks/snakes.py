@@ -35,9 +35,9 @@ RADIUS, SIZE, MIDDLE = 50.0, 200, (101.3, 98.7)
 NODES = (50, 100, 400)
 DENSE = 60_000
 """Points of a curve to which distances are measured."""
-PLAIN = {"alpha": (0.005, 0.015, 0.05), "beta": (0.1, 1.0, 10.0), "gamma": (0.001, 0.01), "sigma": (1.0, 3.0)}
+PLAIN = {"alpha": (0.0005, 0.002, 0.01, 0.015), "beta": (0.02, 0.1, 1.0, 10.0), "gamma": (0.001, 0.01), "sigma": (1.0, 3.0)}
 """Weights tried on the smoothed image; the function's own defaults and its documentation's example are among them."""
-LOGGED = {"alpha": (0.002, 0.02, 0.2), "beta": (0.02, 0.1, 1.0), "gamma": (0.1, 0.3), "sigma": (2.0, 4.0)}
+LOGGED = {"alpha": (0.0005, 0.002, 0.02, 0.2), "beta": (0.02, 0.1, 1.0), "gamma": (0.1, 0.3), "sigma": (2.0, 4.0)}
 
 
 @dataclass(frozen=True)
