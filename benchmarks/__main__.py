@@ -9,7 +9,7 @@ from pathlib import Path
 
 from symseek.device import start_quietly
 
-from . import ablation, accuracy, breaks, invariance, lines, photographs, rest, speed
+from . import ablation, accuracy, breaks, invariance, lines, photographs, rest, snakes, speed
 
 TABLES = {
     "accuracy": accuracy.main,
@@ -18,6 +18,7 @@ TABLES = {
     "rest": rest.main,
     "breaks": breaks.main,
     "photographs": photographs.main,
+    "snakes": snakes.main,
     "speed": speed.main,
     "lines": lines.main,
 }

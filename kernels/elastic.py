@@ -88,7 +88,7 @@ def cell_twist(v: wp.array[wp.vec3], weight: wp.array[float], start: int, x: int
     if weight[start + x] == 0.0:
         return wp.vec3(0.0)
     y = wrap(x + 1, n)
-    return weight[start + x] * (v[start + n + y] - v[start + n + x] - v[start + y] + v[start + x])
+    return weight[start + x] * ((v[start + n + y] - v[start + n + x]) - (v[start + y] - v[start + x]))
 
 
 @wp.func

@@ -40,6 +40,8 @@ def evolution_frames(
 ) -> Generator[np.ndarray]:
     """Yield frames, shape (panel, 2 panel, 3), uint8: left the model on the photograph, right the solid.
 
+    Without any mesh only the photograph, shape (panel, panel, 3), and no turn.
+
     Args:
         image: the photograph, shape (H, W) or (H, W, 3), float in [0, 1] or uint8.
         snapshots: first to last; shown evenly over the first part.
@@ -61,6 +63,10 @@ def evolution_frames(
     shown = [*np.rint(np.linspace(0, final, deform)).astype(int), *[final] * (rest + turn)]
     photo = Photo(image, (panel, panel), _window(image, snapshots))
     width = 1.2 * line_width(photo, snapshots[-1].drawings)  # a film's lines are blurred by its coding
+    if not any(len(snapshot.meshes) for snapshot in snapshots):
+        pictures = [_left(photo, snapshot, width) for snapshot in snapshots]
+        yield from (pictures[i].copy() for i in shown[: deform + rest])
+        return
     centre, radius = _framing(snapshots)
     front = np.eye(3) if front is None else front
     frame = np.zeros((panel, 2 * panel, 3), np.uint8)

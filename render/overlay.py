@@ -17,6 +17,7 @@ SUPPORTED: Colour = (0, 229, 255)
 UNSUPPORTED: Colour = (255, 84, 150)
 SPINE_FIRST: Colour = (255, 255, 255)
 SPINE_LAST: Colour = (255, 222, 60)
+PULL: Colour = (255, 148, 40)
 _DARK: Colour = (12, 16, 24)
 
 _CRAMPED = 1.12  # window over object, at the least
@@ -39,6 +40,10 @@ class Drawing:
     """the axis that the user gave."""
     spine_last: np.ndarray | None = None
     """the axis that was found."""
+    line: bool = False
+    """what the user gave is a curve rather than an axis."""
+    pulls: Polylines = ()
+    """springs that hold it, from it to their anchors."""
 
 
 class Photo:
@@ -154,6 +159,9 @@ def draw(picture: np.ndarray, photo: Photo, drawing: Drawing, width: float) -> N
     loose = [dash for part in loose for dash in dashes(part, 7 * width, 5 * width)]
     _haloed(picture, loose, UNSUPPORTED, width * 1.6)
     _haloed(picture, [part for line, flags in flagged for part in runs(line, flags, True)], SUPPORTED, width * 1.6)
+    pulls = _placed(photo, drawing.pulls)
+    _haloed(picture, pulls, PULL, width * 1.3)
+    _haloed(picture, [line[-1:] for line in pulls], PULL, width * 5)
 
 
 def as_rgb(image: np.ndarray) -> np.ndarray:
@@ -206,7 +214,9 @@ def _entries(drawings: Sequence[Drawing]) -> list[tuple[str, Colour, float, bool
             ),
             (loose, ("contour, unsupported", UNSUPPORTED, 1.6, True)),
             (any(len(d.wire) for d in drawings), ("model", WIRE, 0.7, False)),
-            (any(d.spine_first is not None for d in drawings), ("axis given", SPINE_FIRST, 0.9, True)),
+            (any(d.spine_first is not None and not d.line for d in drawings), ("axis given", SPINE_FIRST, 0.9, True)),
+            (any(d.spine_first is not None and d.line for d in drawings), ("curve given", SPINE_FIRST, 0.9, True)),
+            (any(len(d.pulls) for d in drawings), ("spring", PULL, 1.3, False)),
             (any(d.spine_last is not None for d in drawings), ("axis found", SPINE_LAST, 1.1, False)),
         )
         if there

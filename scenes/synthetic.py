@@ -12,6 +12,7 @@ from typing import Literal
 import numpy as np
 from PIL import Image
 from scipy.ndimage import gaussian_filter, shift, uniform_filter
+from skimage import measure
 
 from ..sim.camera import Camera
 from . import raster, shapes
@@ -21,6 +22,12 @@ MARGIN = 0.06
 """Share of the image that stays free at each border."""
 
 SQUASH_SEED, SQUASH_ANGLE, SQUASH_LENGTH = 8, 2.0, 520.0
+TABLE_LIGHT = np.array([-0.5, -0.62, -1.0])
+STILL_LIFE = {
+    "pear": ("pear", 10, 1.72, 360.0, (205.0, 240.0), (0.72, 0.74, 0.22), 0.05),
+    "potato": ("egg", 0, 0.5, 240.0, (460.0, 290.0), (0.74, 0.56, 0.36), 0.06),
+}
+"""Of figure 6's objects: kind, seed, angle, length [px], middle (column, row), colour, strength of blotches."""
 
 __all__ = ["KINDS", "Sample", "make", "render"]
 
@@ -228,18 +235,10 @@ def write_squash(folder: Path) -> None:
     """Write squash.jpg and truth.npz: a crook-necked squash on a table, and its true mesh and axis."""
     height, width = 480, 640
     solid = shapes.sweep("squash", np.random.default_rng(SQUASH_SEED))
-    vertices, faces = shapes.mesh(solid, around=96, along=128)
-    axis = np.column_stack([solid.axis[::20], np.zeros(len(solid.axis[::20]))])
-    turn = turn_z(SQUASH_ANGLE)
-    middle = np.append((vertices @ turn.T)[:, :2].max(0) + (vertices @ turn.T)[:, :2].min(0), 0) / 2
-    vertices, axis = (SQUASH_LENGTH * (p @ turn.T - middle) + [width / 2, height / 2, 0] for p in (vertices, axis))
-    light = np.array([-0.5, -0.62, -1.0])
-    shade, cover = render(vertices, faces, (height, width), light, ambient=0.42, gloss=0.22)
+    vertices, faces, axis = _laid(solid, SQUASH_ANGLE, SQUASH_LENGTH, (width / 2, height / 2))
+    shade, cover = render(vertices, faces, (height, width), TABLE_LIGHT, ambient=0.42, gloss=0.22)
     image = table_top(cover) * (1 - cover[..., None]) + _rind(axis, cover.shape) * (shade * cover)[..., None]
-    image += 0.01 * np.random.default_rng(5).standard_normal(image.shape)
-    folder.mkdir(parents=True, exist_ok=True)
-    picture = Image.fromarray(np.uint8(np.round(255 * np.clip(image, 0, 1))))
-    picture.save(folder / "squash.jpg", quality=92, subsampling=0)
+    _save(image, folder / "squash.jpg", 5)
     np.savez_compressed(
         folder / "truth.npz",
         vertices=vertices.astype(np.float32),
@@ -249,6 +248,44 @@ def write_squash(folder: Path) -> None:
         length=SQUASH_LENGTH,
         volume=volume(vertices, faces),
     )
+
+
+def write_still_life(folder: Path) -> None:
+    """Write still_life.jpg and truth.npz: the paper's figure 6, a pear and a potato on a table; their true outlines."""
+    height, width = 480, 640
+    image, covers, outlines = np.zeros((height, width, 3)), np.zeros((height, width)), {}
+    for name, (kind, seed, angle, length, place, hue, blotch) in STILL_LIFE.items():
+        solid = shapes.sweep(kind, np.random.default_rng(seed))
+        vertices, faces, _ = _laid(solid, angle, length, place)
+        shade, cover = render(vertices, faces, (height, width), TABLE_LIGHT, ambient=0.42, gloss=0.2, samples=4)
+        spots = gaussian_filter(np.random.default_rng(seed).standard_normal(cover.shape), 5) * 10 * np.sqrt(np.pi)
+        skin = np.array(hue) * (1 + blotch * spots[..., None])
+        image = image * (1 - cover[..., None]) + skin * (shade * cover)[..., None]
+        covers = np.maximum(covers, cover)
+        outlines[name] = max(measure.find_contours(cover, 0.5), key=len)[:-1, ::-1]
+    _save(table_top(covers) * (1 - covers[..., None]) + image, folder / "still_life.jpg", 6)
+    np.savez_compressed(folder / "truth.npz", **outlines)
+
+
+def _laid(
+    solid: shapes.Sweep, angle: float, length: float, place: tuple[float, float]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Vertices, faces and axis of a solid turned by an angle, its middle at an image point."""
+    vertices, faces = shapes.mesh(solid, around=96, along=128)
+    axis = np.column_stack([solid.axis[::20], np.zeros(len(solid.axis[::20]))])
+    turn = turn_z(angle)
+    seen = (vertices @ turn.T)[:, :2]
+    middle = np.append(seen.max(0) + seen.min(0), 0) / 2
+    vertices, axis = (length * (p @ turn.T - middle) + [*place, 0] for p in (vertices, axis))
+    return vertices, faces, axis
+
+
+def _save(image: np.ndarray, path: Path, seed: int) -> None:
+    """An image (H, W, 3) with a little noise, as JPEG."""
+    image = image + 0.01 * np.random.default_rng(seed).standard_normal(image.shape)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    picture = Image.fromarray(np.uint8(np.round(255 * np.clip(image, 0, 1))))
+    picture.save(path, quality=92, subsampling=0)
 
 
 def table_top(cover: np.ndarray) -> np.ndarray:
@@ -272,3 +309,4 @@ def _rind(axis: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
 
 if __name__ == "__main__":
     write_squash(Path(__file__).parent / "squash")
+    write_still_life(Path(__file__).parent / "snake")

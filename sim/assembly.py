@@ -16,6 +16,8 @@ from .initial import deal, fading, initial_tube, lift
 from .model import Model
 from .potential import Potential, ScaleSpace
 from .problem import Settings, Tube, View
+from .solvers.base import end_mass
+from .spring import Held, Springs
 
 LINE_LOAD = 0.04
 """Stiffness of the contour: force a displacement for each unit of contour length and of s."""
@@ -44,13 +46,18 @@ class Assembly(Fabric):
         super().__init__(model, tubes, settings, device, self.lengths[0], axis_curve(self.axes[0]).mean(axis=0))
         self.model.set_cameras([self._own_camera(v.camera) for v in views])
         self._start()
+        own = self._own_camera(camera)
+        bodies = [
+            Held(list(t.springs), int(self.model.node_start[k]), t.grid, True, (1 / t.grid[0], 1 / (t.grid[1] - 1)),
+                 self.unit, self.origin, own, 0)
+            for k, t in enumerate(tubes)
+        ]  # fmt: skip
+        mass = np.concatenate([np.repeat(end_mass(ns), nx) for nx, ns in self.model.grids])
+        self.springs = Springs(bodies, mass, device)
 
     def _own_camera(self, camera: Camera) -> Camera:
         """A camera that takes points in the model's units."""
-        change = np.eye(4)
-        change[:3, :3] *= self.unit
-        change[:3, 3] = self.origin
-        return Camera(camera.matrix @ change)
+        return camera.in_units(self.unit, self.origin)
 
     def _start(self) -> None:
         tube_flat, spine_flat = np.zeros((self.model.nodes, 3)), np.zeros((self.model.rings, 3))

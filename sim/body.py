@@ -31,7 +31,8 @@ class Body:
         device: Warp device.
 
     Raises:
-        ValueError: an axis that is no list of world points, no radius, a weight that does not fit, or too long a step.
+        ValueError: an axis that is no list of world points, no radius, springs, a weight that does not fit, or too long
+            a step.
     """
 
     def __init__(self, tubes: Sequence[Tube], settings: Settings | None = None, device: str = "cpu"):
@@ -39,6 +40,8 @@ class Body:
         for tube, axis in zip(tubes, axes, strict=True):
             if axis.ndim != 2 or axis.shape[1] != 3 or tube.radius is None:
                 raise ValueError(f"{tube.name}: without an image a tube needs a spine of points [x, y, z] and a radius")
+            if tube.springs:
+                raise ValueError(f"{tube.name}: springs belong to a scene with an image")
         model = Model([t.grid for t in tubes], [t.material.closed for t in tubes], 0, 1, device)
         unit = length_of(axis_curve(axes[0]))
         self._fabric = Fabric(model, list(tubes), settings or Settings(), device, unit)

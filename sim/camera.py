@@ -42,6 +42,13 @@ class Camera:
         h = points @ self.matrix[:, :3].T + self.matrix[:, 3]
         return h[..., :2] / h[..., 2:]
 
+    def in_units(self, unit: float, origin: np.ndarray) -> Camera:
+        """The camera that takes points in a unit of length about an origin, shape (3,), in the world."""
+        change = np.eye(4)
+        change[:3, :3] *= unit
+        change[:3, 3] = origin
+        return Camera(self.matrix @ change)
+
     def sight(self, points: np.ndarray) -> np.ndarray:
         """Unit vectors i of (12) along the line of sight to each world point, away from the viewer, (..., 3)."""
         m = self.matrix

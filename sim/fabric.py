@@ -7,6 +7,7 @@ import numpy as np
 from .model import Model, State
 from .natural import shape_now
 from .problem import Settings, Tube
+from .spring import Springs
 from .weights import Weights
 
 
@@ -15,6 +16,7 @@ class Fabric:
 
     Attributes:
         time: of the solver, the sum of the time steps of its nodes.
+        springs: none, but where a scene has them.
         unit, origin: of the model's lengths and coordinates, in the world's.
     """
 
@@ -24,7 +26,8 @@ class Fabric:
         self.model, self.tubes, self.settings, self.device = model, tubes, settings, device
         self.state = State(model)
         self.weights = Weights(model, [t.material for t in tubes], [t.breaks for t in tubes], model.views)
-        self.unit, self.origin, self.time = unit, origin, 0.0
+        self.springs = Springs([], np.zeros(0), device)
+        self.unit, self.origin, self.time = unit, np.zeros(3) + origin, 0.0
 
     def world(self, k: int) -> tuple[np.ndarray, np.ndarray]:
         """Tube (N_x, N_s, 3) and spine (N_s, 3) of object k in world units."""

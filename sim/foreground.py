@@ -125,6 +125,28 @@ def _histogram(cells: np.ndarray, chosen: np.ndarray, channels: int) -> np.ndarr
     return counts / max(counts.sum(), 1e-9)
 
 
+def filled(x: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Samples (h, w, channels) with those that are not known like the nearest that are: no edge may part them."""
+    near = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
+    assert near is not None
+    return x[near[0], near[1]]
+
+
+def colour_cells(x: np.ndarray) -> np.ndarray:
+    """Cell of the histogram that each sample of (h, w, channels) falls into, shape (h, w)."""
+    channels = x.shape[2]
+    bins = BINS[channels]
+    low, high = x.min((0, 1)), x.max((0, 1))
+    q = np.clip(((x - low) / (high - low + 1e-6) * bins).astype(int), 0, bins - 1)
+    return np.asarray(np.ravel_multi_index(tuple(q[..., i] for i in range(channels)), (bins,) * channels))
+
+
+def likelihood(cells: np.ndarray, mine: np.ndarray, known: np.ndarray, channels: int) -> np.ndarray:
+    """Log likelihood ratio of each sample's colour: of what is mine over what is not, by what is known; shape (h, w)."""
+    fore, back = _histogram(cells, mine & known, channels), _histogram(cells, ~mine & known, channels)
+    return np.log((fore[cells] + 1e-7) / (back[cells] + 1e-7))
+
+
 def _at_axis(inside: np.ndarray, axis: np.ndarray) -> np.ndarray:
     """The part of inside > 0.5 that holds the axis."""
     labels = np.asarray(measure.label(inside > 0.5, connectivity=1))
@@ -225,17 +247,9 @@ def _look(image: np.ndarray, curve: np.ndarray, step: float, margin: float, igno
     known = np.ones(shape, bool)
     if ignore is not None:
         known = resample((~ignore).astype(np.float32), lo, step, shape) > 0.5
-        # no edge may part what is not looked at from its neighbours
-        near = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
-        assert near is not None
-        x = x[near[0], near[1]]
-    channels = x.shape[2]
-    bins = BINS[channels]
-    low, high = x.min((0, 1)), x.max((0, 1))
-    q = np.clip(((x - low) / (high - low + 1e-6) * bins).astype(int), 0, bins - 1)
-    cells = np.asarray(np.ravel_multi_index(tuple(q[..., i] for i in range(channels)), (bins,) * channels))
+        x = filled(x, known)
     line = (curve - lo) / step
-    return _Look(x, cells, known, line, *_from_axis(line, shape), step, lo)
+    return _Look(x, colour_cells(x), known, line, *_from_axis(line, shape), step, lo)
 
 
 def _rounds(
@@ -260,9 +274,7 @@ def _rounds(
     centre, reach = look.line, np.full(len(look.line), np.inf)
     for k in range(rounds):
         again = k > 0 or before is not None
-        fore = _histogram(look.cells, mine & look.known, channels)
-        back = _histogram(look.cells, ~mine & look.known, channels)
-        ratio = np.log((fore[look.cells] + 1e-7) / (back[look.cells] + 1e-7))
+        ratio = likelihood(look.cells, mine, look.known, channels)
         odds = np.clip(0.5 * ratio, -6, 6)
         depth = np.zeros(core.shape)
         if again:

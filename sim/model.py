@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -150,18 +151,21 @@ class Model:
 
     def set_cameras(self, cameras: list[Camera]) -> None:
         """Sets `eyes`; the matrices take points in the model's own units."""
-        eyes = []
-        for camera in cameras:
-            m = camera.matrix
-            eye = projection.Eye()
-            eye.row0, eye.row1, eye.row2 = (wp.vec4(*map(float, row)) for row in m)
-            eye.affine = int(camera.affine)
-            if camera.affine:
-                eye.axis = wp.vec3(*map(float, camera.sight(np.zeros(3))))
-            else:
-                eye.centre = wp.vec3(*map(float, -np.linalg.solve(m[:, :3], m[:, 3])))
-            eyes.append(eye)
+        eyes = [eye_of(camera) for camera in cameras]
         self.eyes.assign(wp.array(eyes, dtype=projection.Eye, device="cpu").numpy())
+
+
+def eye_of(camera: Camera) -> Any:
+    """A camera as the kernels know it, a `projection.Eye`."""
+    m = camera.matrix
+    eye = projection.Eye()
+    eye.row0, eye.row1, eye.row2 = (wp.vec4(*map(float, row)) for row in m)
+    eye.affine = int(camera.affine)
+    if camera.affine:
+        eye.axis = wp.vec3(*map(float, camera.sight(np.zeros(3))))
+    else:
+        eye.centre = wp.vec3(*map(float, -np.linalg.solve(m[:, :3], m[:, 3])))
+    return eye
 
 
 class State:

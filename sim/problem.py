@@ -8,6 +8,7 @@ import numpy as np
 
 from .camera import Camera
 from .material import Break, Material
+from .spring import Spring
 
 
 @dataclass(frozen=True)
@@ -40,6 +41,72 @@ class Tube:
     """discontinuities across the object."""
     not_here: np.ndarray | None = None
     """marks by the user that the object is not here, shape (k, 2), image points (column, row)."""
+    springs: tuple[Spring, ...] = ()
+
+
+@dataclass(frozen=True)
+class SnakeMaterial:
+    """Weights of a snake, an image curve with the energy (2): per unit of s, lengths in its own first length."""
+
+    w1: float = 0.0
+    """tension (2): draws the curve together."""
+    w2: float | None = None
+    """rigidity (2); None: at each scale it bends over about as far as the image is smoothed (`sim.sheet.BEND`)."""
+    k1: float = 1e-2
+    """K1 of its natural lengths L1, the mean of its edges, if open the first ones: no part of it is drawn out."""
+
+
+@dataclass(frozen=True)
+class Snake:
+    """An open or closed curve in the image plane (figure 6)."""
+
+    points: np.ndarray
+    """rough curve, shape (n, 2), image points (column, row) of the first view, in order."""
+    name: str = "snake"
+    closed: bool = True
+    nodes: int = 200
+    """along it; the result does not depend on how many."""
+    material: SnakeMaterial = field(default_factory=SnakeMaterial)
+    not_here: np.ndarray | None = None
+    """marks by the user that what it encloses is not here, shape (k, 2), image points."""
+    springs: tuple[Spring, ...] = ()
+
+
+@dataclass(frozen=True)
+class SheetMaterial:
+    """Weights of an open sheet with the energy (3): per unit of (x, s), lengths in its own first size."""
+
+    w10: float = 0.0
+    """tension across, along x."""
+    w01: float = 0.0
+    """tension along s."""
+    w20: float = 1e-4
+    """rigidity along x."""
+    w11: float = 1e-4
+    """twist rigidity, at most the root of w20 w02; all three the same: an isotropic plate."""
+    w02: float = 1e-4
+    """rigidity along s."""
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """An open sheet in space, with natural conditions on all four sides."""
+
+    corners: np.ndarray
+    """of the first, flat one, in order around it, shape (4, 2) image points of the first view, or (4, 3) world points."""
+    name: str = "sheet"
+    depth: float = 0.0
+    """of corners given in the image, along the first view's axis [world units]."""
+    grid: tuple[int, int] = (25, 25)
+    """nodes from the first corner to the second, and from there to the third."""
+    material: SheetMaterial = field(default_factory=SheetMaterial)
+    load: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """even force, world directions, per unit of (x, s)."""
+    image: bool = True
+    """the image draws its border to the outline of what it covers."""
+    not_here: np.ndarray | None = None
+    """marks by the user that what it covers is not here, shape (k, 2), image points."""
+    springs: tuple[Spring, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,12 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import warp as wp
 
-from ..kernels import contour, coupling, elastic, integrate, rim
+from ..kernels import contour, coupling, elastic, integrate, rim, spring
 from .assembly import Assembly
 from .fabric import Fabric
 from .force import add_forces
 from .material import Weight
+from .model import State
 from .potential import Potential
 from .problem import Settings, Tube, View
 from .result import ObjectResult, Result, finish
@@ -107,7 +108,9 @@ class Loop:
             wp.load_module(rim, device=scene.device)
         with wp.ScopedCapture(device=scene.device, force_module_load=False) as capture:
             add_forces(scene.model, scene.state, s.contour, s.force == "paper", s.tau)
+            scene.springs.add_forces(scene.model.eyes, scene.state.tube, scene.state.force)
             self.solver.step(scene.state)
+            scene.springs.give_back(scene.state.tube, scene.state.velocity)
         assert capture.graph is not None
         self.graph = capture.graph
 
@@ -116,8 +119,21 @@ class Loop:
         changed = self.scene.set_material(share)
         if changed:
             self.solver.material_changed(changed)
+            self.scene.springs.take_implicitly(self._step_under)
         if (self.scene.model.shaped, self.scene.model.torn) != self.forms:
             self._capture()
+
+    def hold_springs(self, iteration: int) -> None:
+        """Lets springs take hold and let go, and the scheme take them implicitly."""
+        self.scene.springs.set(iteration, self.scene.state.tube.numpy())
+        self.scene.springs.take_implicitly(self._step_under)
+
+    def _step_under(self, load: np.ndarray) -> np.ndarray:
+        """Step of nodes at rest under a load, both (N,) and in one direction."""
+        trial = State(self.scene.model)
+        trial.force.assign((load[:, None] * [1.0, 0.0, 0.0]).astype(np.float32))
+        self.solver.step(trial)
+        return trial.tube.numpy()[:, 0].astype(float)
 
     def run(self) -> None:
         """One iteration."""
@@ -164,7 +180,7 @@ def reconstruct(
 
     scene = Assembly(views, tubes, settings, device)
     lap("map")
-    for module in (elastic, coupling, contour, integrate):
+    for module in (elastic, coupling, contour, integrate, *[spring] * bool(scene.springs)):
         wp.load_module(module, device=device)
     lists = [space.sigmas for space in scene.spaces]
     stages = max(len(x) for x in lists)
@@ -187,6 +203,7 @@ def reconstruct(
         scene.hold_tangents()
         scene.hold_depth()
         loop.set_material(max(LEAST_SHARE, (sigmas[0] / lists[0][0]) ** 2))
+        loop.hold_springs(progress.iteration)
         scene.stand_still()
         start, start_time, begun, again = scene.positions(), scene.time, progress.iteration, False
         tolerance = settings.tolerance * (1.0 if stage == stages - 1 else COARSE)
@@ -197,6 +214,10 @@ def reconstruct(
             if progress.iteration % max(CHECK, settings.iterations // (10 * SNAPSHOTS)) == 0:
                 for k in range(len(tubes)):
                     history[k].append((*scene.world(k), sigmas[k], list(scene.weights.cuts[k])))
+            if scene.springs.due(progress.iteration):
+                loop.hold_springs(progress.iteration)
+                # what was under way does not tell of what comes
+                begun, moved, trail = progress.iteration, float("inf"), [scene.positions()]
             loop.run()
             progress.iteration += 1
             if stage == stages - 1 and (progress.iteration - begun) % LOOK == 0:
@@ -204,8 +225,9 @@ def reconstruct(
                 trail = [*trail[1 - TRAIL :], scene.positions()]
             if progress.iteration % CHECK == 0 or progress.iteration == end:
                 progress.residual = loop.residual()
-                converged = progress.residual < tolerance and (stage < stages - 1 or moved < REST)
-                converged &= stage < stages - 1 or scene.weights.settled(scene.time)
+                at_rest = progress.residual < tolerance and (stage < stages - 1 or moved < REST)
+                pending = scene.springs.pending(progress.iteration) or not scene.weights.settled(scene.time)
+                converged = at_rest and not (stage == stages - 1 and pending)
                 if converged and stage == stages - 1 and leaps < LEAPS:
                     # what creeps does so for long, by less and less: go where that leads, unless it is here
                     converged = False
@@ -220,6 +242,7 @@ def reconstruct(
                     scene.time = start_time
                     diverged, again = again, True
                     loop = Loop(scene, careful=True)
+                    loop.hold_springs(progress.iteration)
             stopped = bool(callback and callback(progress))
             if scene.weights.stale or (scene.weights.timed and progress.iteration % CHECK == 0):
                 loop.set_material()

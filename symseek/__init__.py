@@ -14,7 +14,8 @@ if TYPE_CHECKING:
     from .sim.body import Body
     from .sim.camera import Camera
     from .sim.material import Break, Material
-    from .sim.problem import Settings, Tube, View
+    from .sim.problem import Settings, Sheet, SheetMaterial, Snake, SnakeMaterial, Tube, View
+    from .sim.spring import Spring
 
 __version__ = "0.1.0"
 
@@ -27,6 +28,11 @@ __all__ = [
     "Scene",
     "SceneError",
     "Settings",
+    "Sheet",
+    "SheetMaterial",
+    "Snake",
+    "SnakeMaterial",
+    "Spring",
     "Tube",
     "View",
     "__version__",
@@ -47,6 +53,11 @@ _HOMES = {
     "Break": "sim.material",
     "Material": "sim.material",
     "Settings": "sim.problem",
+    "Sheet": "sim.problem",
+    "SheetMaterial": "sim.problem",
+    "Snake": "sim.problem",
+    "SnakeMaterial": "sim.problem",
+    "Spring": "sim.spring",
     "Tube": "sim.problem",
     "View": "sim.problem",
 }

@@ -166,21 +166,29 @@ class Show:
 def summary(result: Result) -> str:
     """Measures, times, warnings and files of a run, as text for a terminal."""
     unit = result.scene.units
-    columns = [["", "length", "largest radius", "surface area", "volume", "asymmetry"]]
-    columns[0] += ["contour to edge, mean", "contour supported", "iterations", "trusted"]
-    for o in result.objects:
-        m: dict[str, Any] = o.measures
-        column = [o.name, f"{m['length']:.5g} {unit}", f"{max(m['radius']):.5g} {unit}"]
-        column += [f"{m['area']:.5g} {unit}^2", f"{m['volume']:.5g} {unit}^3", f"{m['asymmetry']:.2%}"]
-        column += [f"{m['contour_residual_px']['mean']:.2f} px", f"{m['supported_share']:.0%}"]
-        column += [f"{o.iterations}{'' if o.converged else ' (not at rest)'}", "yes" if o.trusted else "NO"]
-        columns.append(column)
+    objects = [*result.objects, *result.lines]
+    rows = {"": [o.name for o in objects]}
+    for title, key, form in (
+        ("length", "length", f"{{:.5g}} {unit}"),
+        ("largest radius", "radius", f"{{:.5g}} {unit}"),
+        ("surface area" if result.objects else "area", "area", f"{{:.5g}} {unit}^2"),
+        ("volume", "volume", f"{{:.5g}} {unit}^3"),
+        ("asymmetry", "asymmetry", "{:.2%}"),
+        ("contour to edge, mean", "contour_residual_px", "{:.2f} px"),
+        ("contour supported", "supported_share", "{:.0%}"),
+    ):
+        cells = [_cell(o.measures, key, form) for o in objects]
+        if any(cells):
+            rows[title] = cells
+    rows["iterations"] = [f"{o.iterations}{'' if o.converged else ' (not at rest)'}" for o in objects]
+    rows["trusted"] = ["yes" if o.trusted else "NO" for o in objects]
+    columns = list(zip(*([title, *cells] for title, cells in rows.items()), strict=True))
     widths = [max(map(len, column)) for column in columns]
-    rows = zip(*columns, strict=True)
-    table = ["  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows]
+    lined = zip(*columns, strict=True)
+    table = ["  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in lined]
     lines = ["", *table, ""]
     lines.append("seconds: " + ", ".join(f"{phase} {s:.2f}" for phase, s in result.seconds.items()))
-    for o in result.objects:
+    for o in objects:
         if not o.trusted:
             lines += ["", f"*** DO NOT TRUST {o.name!r} ***"]
         lines += [f"    {o.name}: {warning}" for warning in o.warnings]
@@ -188,3 +196,11 @@ def summary(result: Result) -> str:
         folder = result.files[0].parent
         lines += ["", f"written to {folder}: {', '.join(f.name for f in result.files)}"]
     return "\n".join(lines)
+
+
+def _cell(measures: dict[str, Any], key: str, form: str) -> str:
+    """A measure as text: the largest of a list, the mean where there are several; empty where there is none."""
+    value = measures.get(key)
+    if isinstance(value, dict):
+        value = value["mean"]
+    return "" if value is None else form.format(max(value) if isinstance(value, list) else value)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import json
 import math
 import os
 import platform
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,13 +23,16 @@ from .render.evolution import Snapshot, evolution_frames
 from .render.export import write_glb, write_ply
 from .render.figures import potentials_sheet, views_sheet
 from .render.files import write_picture
+from .render.lines import Colour
 from .render.overlay import Drawing, draw_overlay
 from .render.platform import RenderError
 from .render.video import write_mp4
 from .scene import METRES
 from .sim.camera import Camera
 from .sim.fields import Cut
-from .sim.problem import Tube, View
+from .sim.problem import Sheet, Snake, Tube, View
+from .sim.result import ObjectResult
+from .sim.snake import LineResult, grid_lines, outline, sheet_mesh
 from .sim.surface import occluding_contour, refine, wire
 
 if TYPE_CHECKING:
@@ -104,10 +108,13 @@ def front(camera: Camera, point: np.ndarray) -> np.ndarray:
 
 def _write_meshes(result: Result, folder: Path) -> None:
     scene = result.scene
-    for k, o in enumerate(result.objects):
-        write_ply(folder / f"{o.name}.ply", o.vertices, o.faces, scene.units)
-        colour = COLOURS[k % len(COLOURS)]
-        write_glb(folder / f"{o.name}.glb", o.vertices, o.faces, METRES[scene.units], colour, o.name)
+
+    def mesh(name: str, vertices: np.ndarray, faces: np.ndarray, colour: Colour) -> None:
+        write_ply(folder / f"{name}.ply", vertices, faces, scene.units)
+        write_glb(folder / f"{name}.glb", vertices, faces, METRES[scene.units], colour, name)
+
+    for o, colour in zip(result.objects, _colours(), strict=False):
+        mesh(o.name, o.vertices, o.faces, colour)
         np.savez_compressed(
             folder / f"{o.name}.npz",
             tube=o.tube,
@@ -116,16 +123,28 @@ def _write_meshes(result: Result, folder: Path) -> None:
             time=np.zeros(len(o.tube)),
             units=np.array(scene.units),
         )
+    for o, colour in zip(result.lines, _colours(len(result.objects)), strict=False):
+        if o.kind == "sheet":
+            mesh(o.name, *sheet_mesh(o.nodes[0]), colour)
+        units = np.array("px" if o.kind == "snake" else scene.units)
+        arrays = {("curve" if o.kind == "snake" else o.kind): o.nodes, "time": np.zeros(len(o.nodes)), "units": units}
+        np.savez_compressed(folder / f"{o.name}.npz", **arrays)
 
 
 def _write_pictures(result: Result, folder: Path) -> None:
     want, view = result.scene.output, result.scene.views[0]
-    astray = not all(in_reach(view, o.tube) for o in result.objects)
-    result.skipped |= {f"{name}.png": ASTRAY for name in ("overlay", "views") if astray and getattr(want, name)}
+    solid = [*result.objects, *(o for o in result.lines if o.kind == "sheet")]
+    astray = not all(_in_reach(view, o, -1) for o in [*result.objects, *result.lines])
+    lost = {"overlay": want.overlay and astray, "views": want.views and astray and bool(solid)}
+    result.skipped |= {f"{name}.png": ASTRAY for name, left_out in lost.items() if left_out}
     if want.overlay and not astray:
         drawings = [
             _drawing(tube, view.camera, o.tube[0], o.spine[0], o.contour, o.support, o.cuts)
             for tube, o in zip(result.scene.tubes, result.objects, strict=True)
+        ]
+        drawings += [
+            _line_drawing(given, view.camera, o.history[-1], o.contour, o.support)
+            for given, o in zip(result.scene.lines, result.lines, strict=True)
         ]
         write_picture(folder / "overlay.png", draw_overlay(view.image, drawings))
     if want.potentials and result.potentials:
@@ -133,32 +152,61 @@ def _write_pictures(result: Result, folder: Path) -> None:
         write_picture(folder / "potentials.png", sheet)
     if want.potentials and result.foreground is not None:
         write_picture(folder / "foreground.png", np.rint(255 * np.clip(result.foreground, 0, 1)).astype(np.uint8))
-    if want.views and not astray:
-        colours = (COLOURS[k % len(COLOURS)] for k in range(len(result.objects)))
-        meshes = [(o.vertices, o.faces, colour) for o, colour in zip(result.objects, colours, strict=True)]
-        wires = [line for o in result.objects for line in wire(o.tube[0], cuts=o.cuts)]
+    if want.views and solid and not astray:
+        meshes = [(*_mesh(o, -1), colour) for o, colour in zip(solid, _colours(), strict=False)]
+        wires = [
+            line
+            for o in solid
+            for line in (wire(o.tube[0], cuts=o.cuts) if isinstance(o, ObjectResult) else grid_lines(o.nodes[0]))
+        ]
         try:
-            sheet = views_sheet(meshes, wires, front(view.camera, result.objects[0].spine[0].mean(axis=0)))
-            write_picture(folder / "views.png", sheet)
+            write_picture(folder / "views.png", views_sheet(meshes, wires, _front(result)))
         except RenderError as problem:
             result.skipped["views.png"] = str(problem)
 
 
 def _write_video(result: Result, path: Path) -> None:
     view, fps = result.scene.views[0], result.scene.output.video_fps
+    objects = [*result.objects, *result.lines]
     # a run that went astray may have states that no picture can hold
-    states = zip(*(o.history for o in result.objects), strict=True)
-    fit = [i for i, each in enumerate(states) if all(in_reach(view, nodes) for nodes, *_ in each)]
-    if not fit:
+    fit = [[i for i in range(len(o.history)) if _in_reach(view, o, i)] for o in objects]
+    if not all(fit):
         result.skipped[path.name] = ASTRAY
         return
-    shown = np.unique(np.rint(np.linspace(0, len(fit) - 1, SNAPSHOTS)).astype(int))
-    snapshots = [_snapshot(result, fit[i]) for i in shown]
-    way = front(view.camera, result.objects[0].spine[0].mean(axis=0))
+    count = min(SNAPSHOTS, max(map(len, fit)))
+    shown = zip(*(np.array(i)[np.rint(np.linspace(0, len(i) - 1, count)).astype(int)] for i in fit), strict=True)
+    snapshots = [_snapshot(result, states) for states in shown]
     try:
-        write_mp4(path, evolution_frames(view.image, snapshots, COLOURS, fps, front=way), fps)
+        write_mp4(path, evolution_frames(view.image, snapshots, COLOURS, fps, front=_front(result)), fps)
     except RenderError as problem:
         result.skipped[path.name] = str(problem)
+
+
+def _colours(first: int = 0) -> Iterator[Colour]:
+    """Colours of objects, in turn."""
+    return itertools.islice(itertools.cycle(COLOURS), first, None)
+
+
+def _front(result: Result) -> np.ndarray:
+    """`front` at the middle of the first object that lies in the world; at its origin where all are snakes."""
+    places = [o.spine[0] for o in result.objects] + [o.nodes[0] for o in result.lines if o.kind == "sheet"]
+    middle = places[0].reshape(-1, 3).mean(axis=0) if places else np.zeros(3)
+    return front(result.scene.views[0].camera, middle)
+
+
+def _in_reach(view: View, o: ObjectResult | LineResult, i: int) -> bool:
+    """Whether state i of an object can be drawn."""
+    nodes = o.history[i][0]
+    return in_reach(View(view.image) if isinstance(o, LineResult) and o.kind == "snake" else view, nodes)
+
+
+def _mesh(o: ObjectResult | LineResult, i: int) -> tuple[np.ndarray, np.ndarray]:
+    """Mesh of state i of a tube, or of a sheet with both its sides, to be shaded."""
+    if isinstance(o, LineResult):
+        vertices, faces = sheet_mesh(o.history[i][0])
+        return np.concatenate([vertices, vertices]), np.concatenate([faces, faces[:, ::-1] + len(vertices)])
+    nodes, _, _, cuts = o.history[i]
+    return (o.vertices, o.faces) if i == -1 else refine(nodes, 64, 3 * nodes.shape[1], cuts)
 
 
 def in_reach(view: View, nodes: np.ndarray) -> bool:
@@ -169,15 +217,23 @@ def in_reach(view: View, nodes: np.ndarray) -> bool:
         return bool(np.all(np.isfinite(nodes)) and np.all(np.abs(points - sides / 2) < 3.5 * sides))
 
 
-def _snapshot(result: Result, i: int) -> Snapshot:
+def _snapshot(result: Result, states: Sequence[int]) -> Snapshot:
     camera = result.scene.views[0].camera
-    states = [o.history[i] for o in result.objects]
+    objects = [*result.objects, *result.lines]
     drawings = []
-    for tube, (nodes, spine, _, cuts) in zip(result.scene.tubes, states, strict=True):
-        contour = [points for points, _ in occluding_contour(nodes, camera, cuts)]
-        drawings.append(_drawing(tube, camera, nodes, spine, contour, (), cuts))
-    meshes = [refine(nodes, 64, 3 * nodes.shape[1], cuts) for nodes, _, _, cuts in states]
-    return Snapshot(drawings, meshes, f"sigma {states[0][2]:.3g} px")
+    for given, o, i in zip([*result.scene.tubes, *result.scene.lines], objects, states, strict=True):
+        if isinstance(o, LineResult):
+            assert not isinstance(given, Tube)
+            drawings.append(_line_drawing(given, camera, o.history[i], [outline(given, o.history[i][0], camera)], ()))
+        else:
+            assert isinstance(given, Tube)
+            nodes, spine, _, cuts = o.history[i]
+            contour = [points for points, _ in occluding_contour(nodes, camera, cuts)]
+            drawings.append(_drawing(given, camera, nodes, spine, contour, (), cuts))
+    meshes = [
+        _mesh(o, i) for o, i in zip(objects, states, strict=True) if not isinstance(o, LineResult) or o.kind == "sheet"
+    ]
+    return Snapshot(drawings, meshes, f"sigma {objects[0].history[states[0]][2]:.3g} px")
 
 
 def _drawing(
@@ -188,12 +244,22 @@ def _drawing(
     return Drawing(wires, contour, support, given, camera.project(spine))
 
 
+def _line_drawing(given: Snake | Sheet, camera: Camera, state: tuple, contour: Any, support: Any) -> Drawing:
+    nodes, pulls, _ = state
+    if isinstance(given, Snake):
+        first = np.concatenate([given.points, given.points[:1]]) if given.closed else given.points
+        return Drawing((), contour, support, first, line=True, pulls=pulls)
+    wires = [camera.project(line) for line in grid_lines(nodes)]
+    return Drawing(wires, contour, support, pulls=pulls)
+
+
 def _record(result: Result, names: list[str]) -> dict[str, Any]:
     scene, settings = result.scene, dataclasses.asdict(result.settings)
     unit = scene.units
     objects = {}
     for tube, o in zip(scene.tubes, result.objects, strict=True):
         objects[o.name] = {
+            "kind": "tube",
             "converged": o.converged,
             "trusted": o.trusted,
             "warnings": o.warnings,
@@ -202,6 +268,17 @@ def _record(result: Result, names: list[str]) -> dict[str, Any]:
             "grid": tube.grid,
             "material": {f.name: getattr(tube.material, f.name) for f in dataclasses.fields(tube.material)},
             "break": [dataclasses.asdict(b) for b in tube.breaks],
+        }
+    for given, o in zip(scene.lines, result.lines, strict=True):
+        objects[o.name] = {
+            "kind": o.kind,
+            "converged": o.converged,
+            "trusted": o.trusted,
+            "warnings": o.warnings,
+            "iterations": o.iterations,
+            **o.measures,
+            "grid": o.nodes.shape[1:-1],
+            "material": dataclasses.asdict(given.material),
         }
     return plain(
         {

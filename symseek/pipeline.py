@@ -16,6 +16,7 @@ from .scene import Output, Scene, build, load
 from .sim import reconstruct as still
 from .sim.material import Material
 from .sim.problem import Settings
+from .sim.snake import LineResult, deform
 
 Callback = Callable[[still.Progress], "bool | None"]
 """Called each iteration; returning True stops the solver, and the result so far is measured."""
@@ -27,6 +28,8 @@ class Result(still.Result):
 
     scene: Scene
     device: str
+    lines: list[LineResult] = dataclasses.field(default_factory=list)
+    """snakes and sheets."""
     files: list[Path] = dataclasses.field(default_factory=list)
     """written last."""
     skipped: dict[str, str] = dataclasses.field(default_factory=dict)
@@ -60,6 +63,7 @@ def reconstruct(
     image: Scene | str | Path | np.ndarray,
     spine: Iterable[Any] | None = None,
     *,
+    objects: Iterable[Mapping[str, Any]] | None = None,
     name: str = "object",
     radius: float | None = None,
     depth: float = 0.0,
@@ -80,6 +84,8 @@ def reconstruct(
         image: path, "skimage:NAME", or array of shape (H, W) or (H, W, 1 to 4); or a Scene, which says all
             that the other arguments but `device` and `callback` would.
         spine: rough axis, shape (n, 2), image points (column, row).
+        objects: instead of a spine, objects with the keys of a scene file, such as
+            {"kind": "snake", "points": ..., "spring": [{"near": ..., "anchor": ...}]}.
         name: of the object and its files.
         radius: of the first tube [units]; None: from the image.
         depth: of the spine [units].
@@ -111,7 +117,10 @@ def reconstruct(
     marks = _listed(not_here)
     tube |= {"not_here": np.asarray(marks)} if len(marks) else {}
     tube |= {} if material is None else {"material": material}
-    data: dict[str, Any] = {"name": name, "units": units, "view": [view], "object": [tube]}
+    given = [tube] if objects is None else [dict(o) for o in objects]
+    if objects is not None and spine is not None:
+        raise TypeError("give a spine or objects, not both")
+    data: dict[str, Any] = {"name": name, "units": units, "view": [view], "object": given}
     data |= {} if scale is None else {"scale": scale}
     data |= {} if settings is None else {"solver": settings}
     data |= {} if output is None else {"output": output}
@@ -158,9 +167,18 @@ def run(
 
 def _solve(scene: Scene, device: str, callback: Callback | None) -> Result:
     prepare(device)
+    lines: list[LineResult] = []
+    found = still.Result([], [], None, {}, scene.settings)
     try:
-        found = still.reconstruct(scene.views, scene.tubes, scene.settings, device, callback)
+        if scene.tubes:
+            found = still.reconstruct(scene.views, scene.tubes, scene.settings, device, callback)
+        if scene.lines:
+            more = deform(scene.views, scene.lines, scene.settings, device, callback)
+            lines = more.objects
+            found.seconds = {k: found.seconds.get(k, 0.0) + more.seconds.get(k, 0.0) for k in found.seconds | more.seconds}
+            if not scene.tubes:
+                found.potentials, found.foreground = more.potentials, more.foreground
     except ValueError as problem:  # bounds that only the solver knows, as a step too long for the scheme
         raise SceneError(scene.source, "solver", str(problem)) from problem
     found.seconds = {"read": scene.seconds, **found.seconds}
-    return Result(**vars(found), scene=scene, device=device)
+    return Result(**vars(found), scene=scene, device=device, lines=lines)

@@ -14,17 +14,13 @@ import numpy as np
 
 from . import images
 from .checks import Bounds, SceneError, Table, shown, suggest
+from .objects import OBJECT_KEYS, build_object
 from .override import apply
 from .sim.camera import Camera
-from .sim.problem import Settings, Tube, View
-from .weights import breaks_of, material_of
+from .sim.problem import Settings, Sheet, Snake, Tube, View
 
 METRES = {"px": 1e-3, "um": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "km": 1e3, "in": 0.0254, "ft": 0.3048}
 """Units of the world in metres, in which GLB is written; there a pixel counts as a millimetre."""
-
-GRID_MIN, GRID_MAX = (8, 6), 512  # around, along
-SPINE_MIN = 10.0  # px, the whole
-STEP_MIN = 0.1  # px, between any two points
 
 # closed bounds of numbers, or the words allowed; what is not named here is bounded by its annotation alone
 SETTINGS_BOUNDS: Bounds = {
@@ -44,7 +40,6 @@ SETTINGS_BOUNDS: Bounds = {
 
 TOP_KEYS = ["name", "units", "scale", "view", "object", "solver", "output"]
 VIEW_KEYS = ["name", "image", "frames", "projection", "alpha", "K", "R", "t", "P", "ignore"]
-OBJECT_KEYS = ["name", "spine", "radius", "depth", "grid", "material", "break", "not_here"]
 PROJECTION_KEYS = {"orthographic": [], "stereo": ["alpha"], "perspective": ["K", "R", "t"], "matrix": ["P"]}
 
 
@@ -74,6 +69,8 @@ class Scene:
     views: list[View]
     tubes: list[Tube]
     settings: Settings
+    lines: list[Snake | Sheet] = field(default_factory=list)
+    """objects that are not tubes."""
     units: str = "px"
     """of the world, a key of METRES."""
     scale: float = 1.0
@@ -157,16 +154,22 @@ def build(data: Mapping[str, Any], base: Path, source: str, name: str = "object"
         "add an [[object]] with spine = [[x, y], [x, y], ...], its rough axis in pixels",
     )
     default_name = scene_name if len(objects) == 1 else None
-    tubes = [_tube(table, view, scale, default_name) for table in objects]
-    names = [tube.name for tube in tubes]
+    settings = top.fields("solver", Settings(), SETTINGS_BOUNDS)
+    built = [build_object(table, view, scale, default_name, settings) for table in objects]
+    names = [o.name for o in built]
     for i, table in enumerate(objects):
         if names[i] in names[:i]:
             table.fail("name", f"{names[i]!r} stands twice", "give every object a name of its own")
-    settings = top.fields("solver", Settings(), SETTINGS_BOUNDS)
+    tubes = [o for o in built if isinstance(o, Tube)]
+    lines = [o for o in built if not isinstance(o, Tube)]
+    if not tubes and settings.scheme != Settings().scheme:
+        top.fail(
+            "solver.scheme", f"{settings.scheme!r} is for tubes", "leave it out: lines of snakes and sheets are factored"
+        )
     if settings.sigmas and any(fine >= coarse for coarse, fine in pairwise(settings.sigmas)):
         top.fail("solver.sigmas", f"{list(settings.sigmas)} does not fall", "write them from coarse to fine")
     output = top.fields("output", Output(), {"video_fps": (1, 120)})
-    return Scene(scene_name, [view], tubes, settings, units, scale, output, source, dict(data))
+    return Scene(scene_name, [view], tubes, settings, lines, units, scale, output, source, dict(data))
 
 
 def _scale(top: Table, units: str, view: Table) -> float:
@@ -259,118 +262,3 @@ def _camera(table: Table, scale: float) -> Camera:
             )
         return Camera(P)
     return Camera.orthographic(scale)
-
-
-def _tube(table: Table, view: View, scale: float, default_name: str | None) -> Tube:
-    why = "several objects need a name each"
-    name = table.name("name", default_name, why) if default_name else table.name("name", why=why)
-    grid = table.take("grid", [25, 25])
-    whole = (
-        isinstance(grid, list | tuple)
-        and len(grid) == 2
-        and all(isinstance(n, int) and not isinstance(n, bool) for n in grid)
-    )
-    if not whole or not all(least <= n <= GRID_MAX for n, least in zip(grid, GRID_MIN, strict=True)):
-        table.fail(
-            "grid",
-            f"{shown(grid)} is out of bounds",
-            f"give [around, along], at least {list(GRID_MIN)} and at most {GRID_MAX} each",
-        )
-    radius = None
-    if table.take("radius", None) is not None:
-        widest = 0.5 * float(np.hypot(*view.image.shape[:2])) * scale if view.camera.affine else np.inf
-        radius = table.number("radius", above=0.0, most=widest)
-    spine = _spine(table, view)
-    depth = table.number("depth", 0.0)
-    if not view.camera.affine and spine.shape[1] == 2 and depth <= 0:
-        table.fail(
-            "depth",
-            f"{depth:g} is not in front of the perspective camera",
-            "give the object's distance along the view's axis",
-        )
-    not_here = np.zeros((0, 2))
-    if len(table.take("not_here", [])):
-        not_here = table.array("not_here", (None, 2), "a list of image points")
-        _inside(table, "not_here", not_here, view.image)
-    height, width = view.image.shape[:2]
-    return Tube(
-        name=name, spine=spine, radius=radius, depth=depth, grid=(grid[0], grid[1]), not_here=not_here,
-        material=material_of(table, (grid[0], grid[1])), breaks=breaks_of(table, grid[1], (height, width)),
-    )  # fmt: skip
-
-
-def _inside(table: Table, key: str, points: np.ndarray, image: np.ndarray) -> None:
-    height, width = image.shape[:2]
-    size = np.array([width, height])
-    for i, point in enumerate(points):
-        if not np.all((point >= -0.5) & (point <= size - 0.5)):
-            at = f"[{point[0]:g}, {point[1]:g}]"
-            table.fail(
-                f"{key}[{i}]",
-                f"{at} lies outside the image of {width} x {height} pixels",
-                "points are [column, row]",
-            )
-
-
-def _spine(table: Table, view: View) -> np.ndarray:
-    """Shape (n, 2) image points, or (n, 3) world points; seen by the view and free of knots."""
-    value = table.take("spine", why="give the rough axis: spine = [[x, y], [x, y], ...], in pixels")
-    wide = 3 if isinstance(value, list | tuple | np.ndarray) and len(value) and np.size(value[0]) == 3 else 2
-    spine = table.array("spine", (None, wide), "a list of [x, y] or [x, y, z] points")
-    if len(spine) < 2:
-        table.fail(
-            "spine",
-            f"has {len(spine)} point{'s' * (len(spine) != 1)}",
-            "give at least two, from one end of the object to the other",
-        )
-    seen = spine
-    if wide == 3:
-        m = view.camera.matrix
-        if not view.camera.affine and np.any((spine @ m[2, :3] + m[2, 3]) * np.linalg.det(m[:, :3]) <= 0):
-            table.fail(
-                "spine",
-                f"{shown(spine)} lies behind the camera",
-                "world points in front of it have a positive depth",
-            )
-        seen = view.camera.project(spine)
-    _inside(table, "spine", seen, view.image)
-    gaps = np.linalg.norm(seen[:, None] - seen[None], axis=2)
-    near = np.argwhere(np.triu(gaps < STEP_MIN, 1))
-    if len(near):
-        i, j = near[0]
-        table.fail("spine", f"points {i} and {j} are both {shown(value[i])}", "remove the repeated one")
-    length = float(np.trace(gaps, 1))
-    if length < SPINE_MIN:
-        table.fail(
-            "spine",
-            f"is {length:.1f} pixels long",
-            f"it must be at least {SPINE_MIN:g}, or the image is too coarse",
-        )
-    crossing = _crossing(seen) if wide == 2 else None
-    if crossing:
-        i, j = crossing
-        table.fail(
-            "spine",
-            f"crosses itself: {i} to {i + 1} meets {j} to {j + 1}",
-            "order the points from one end to the other",
-        )
-    return spine
-
-
-def _crossing(points: np.ndarray) -> tuple[int, int] | None:
-    """The first two segments of a polyline, shape (n, 2), that cross or turn back on each other; by index."""
-
-    def side(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> float:
-        return float(np.sign((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])))
-
-    step = np.diff(points, axis=0)
-    step /= np.linalg.norm(step, axis=1, keepdims=True)
-    for j in range(1, len(points) - 1):
-        if step[j - 1] @ step[j] < -0.996:  # within 5 degrees
-            return j - 1, j
-        c, d = points[j], points[j + 1]
-        for i in range(j - 1):
-            a, b = points[i], points[i + 1]
-            if side(a, b, c) != side(a, b, d) and side(c, d, a) != side(c, d, b):
-                return i, j
-    return None

@@ -219,6 +219,71 @@ def test_perspective_needs_a_camera_and_a_depth(folder):
     assert not scene.load("scene.toml").views[0].camera.affine
 
 
+SNAKE = {"object__kind": '"snake"', SPINE: None, "object__points": "[[20, 20], [60, 20], [60, 50], [20, 50]]"}
+SHEET = {"object__kind": '"sheet"', SPINE: None, "object__corners": "[[20, 20], [60, 20], [60, 50], [20, 50]]"}
+POINTS, CORNERS, SPRING = "object__points", "object__corners", "object__spring"
+LINES = {
+    "unknown kind": ({**SNAKE, "object__kind": '"snail"'}, ["object[0].kind", "'snail'", "did you mean snake"]),
+    "key of another kind": ({**SNAKE, "object__radius": "3"}, ["object[0].radius", "does not belong to a snake", "tube's"]),
+    "spine of a snake": ({**SNAKE, SPINE: "[[1, 2], [30, 40]]"}, ["object[0].spine", "snake"]),
+    "no points": ({**SNAKE, POINTS: None}, ["object[0].points", "is missing", "rough curve"]),
+    "two points closed": ({**SNAKE, POINTS: "[[20, 20], [60, 20]]"}, ["object[0].points", "has 2 points", "at least 3"]),
+    "one point open": ({**SNAKE, POINTS: "[[20, 20]]", "object__closed": "false"}, ["has 1 point", "at least 2"]),
+    "points outside": ({**SNAKE, POINTS: "[[20, 20], [90, 20], [60, 50]]"}, ["object[0].points[1]", "[90, 20]"]),
+    "points knotted": (
+        {**SNAKE, POINTS: "[[20, 20], [60, 50], [60, 20], [20, 50]]"},
+        ["object[0].points", "crosses itself"],
+    ),
+    "shut across": ({**SNAKE, POINTS: "[[20, 20], [60, 20], [60, 50], [40, 10]]"}, ["object[0].points", "crosses itself"]),
+    "encloses little": (
+        {**SNAKE, POINTS: "[[20, 20], [40, 20], [30, 26]]"},
+        ["object[0].points", "60 pixels", "at least 100"],
+    ),
+    "closed no flag": ({**SNAKE, "object__closed": "1"}, ["object[0].closed", "neither true nor false"]),
+    "few nodes": ({**SNAKE, "object__nodes": "5"}, ["object[0].nodes", "5", "12 to 2000"]),
+    "material of a tube": ({**SNAKE, "object__material": "{ w20 = 1.0 }"}, ["object[0].material.w20", "unknown"]),
+    "three corners": ({**SHEET, CORNERS: "[[20, 20], [60, 20], [60, 50]]"}, ["object[0].corners", "four"]),
+    "crossed corners": ({**SHEET, CORNERS: "[[20, 20], [60, 50], [60, 20], [20, 50]]"}, ["object[0].corners", "crosses"]),
+    "twist too stiff": ({**SHEET, "object__material": "{ w11 = 1.0 }"}, ["object[0].material.w11", "at most", "0.0001"]),
+    "load no vector": ({**SHEET, "object__load": "[1, 2]"}, ["object[0].load", "a vector"]),
+    "scheme for tubes": ({**SNAKE, "solver__scheme": '"euler"'}, ["solver.scheme", "'euler'", "tubes"]),
+    "spring no table": ({**SNAKE, SPRING: "3"}, ["object[0].spring", "3", "[[object.spring]]"]),
+    "spring without anchor": ({**SNAKE, SPRING: "[{ point = 0.5 }]"}, ["object[0].spring[0].anchor", "is missing"]),
+    "spring tied nowhere": ({**SNAKE, SPRING: "[{ anchor = [3, 4] }]"}, ["object[0].spring[0].near", "is missing", "point"]),
+    "spring tied twice": (
+        {**SNAKE, SPRING: "[{ anchor = [3, 4], point = 0.5, near = [20, 20] }]"},
+        ["near", "beside point"],
+    ),
+    "point beyond": ({**SNAKE, SPRING: "[{ anchor = [3, 4], point = 1.5 }]"}, ["spring[0].point", "1.5", "0 to 1"]),
+    "point of a tube": ({SPRING: "[{ anchor = [3, 4], point = 0.5 }]"}, ["spring[0].point", "[x, s]"]),
+    "snake in space": ({**SNAKE, SPRING: "[{ anchor = [3, 4, 5], point = 0.5 }]"}, ["spring[0].anchor", "[column, row]"]),
+    "near outside": ({**SNAKE, SPRING: "[{ anchor = [3, 4], near = [99, 4] }]"}, ["spring[0].near[0]", "[99, 4]"]),
+    "volcano tied": (
+        {**SNAKE, SPRING: "[{ anchor = [3, 4], reach = 5, point = 0.5 }]"},
+        ["spring[0].point", "beside reach"],
+    ),
+    "stops first": (
+        {**SNAKE, SPRING: "[{ anchor = [3, 4], point = 0.5, start = 9, stop = 9 }]"},
+        ["spring[0].stop", "10 to"],
+    ),
+    "stops too late": ({**SNAKE, SPRING: "[{ anchor = [3, 4], point = 0.5, stop = 9999 }]"}, ["stop", "solver.iterations"]),
+    "no stiffness": (
+        {**SNAKE, SPRING: "[{ anchor = [3, 4], point = 0.5, stiffness = 0 }]"},
+        ["spring[0].stiffness", "above 0"],
+    ),
+}
+
+
+@pytest.mark.parametrize("case", LINES)
+def test_bad_snake_sheet_or_spring_is_named(case, folder):
+    changes, expected = LINES[case]
+    (folder / "scene.toml").write_text(toml(**changes))
+    with pytest.raises(SceneError) as raised:
+        scene.load(folder)
+    for words in expected:
+        assert words in str(raised.value)
+
+
 @pytest.mark.parametrize(
     ("text", "expected"),
     [

@@ -129,7 +129,7 @@ def test_projections(folder):
 @pytest.mark.parametrize("name", cli.demos())
 def test_scenes_that_ship_are_good(name):
     scene = symseek.load(cli.demos()[name])
-    assert scene.name == name and len(scene.tubes) == 1
+    assert scene.name == name and scene.tubes + scene.lines
     assert cli._about(cli.demos()[name]), "demo --list has nothing to say"
 
 
@@ -196,3 +196,69 @@ def test_script_arguments_are_checked_like_a_file(arguments, expected):
     image = np.add.outer(np.arange(64), np.arange(80)) / 200
     with pytest.raises(symseek.SceneError, match=expected):
         symseek.reconstruct(**{"image": image, "spine": [[20, 30], [60, 30]], **arguments})
+
+
+LINES = """
+[[view]]
+image = "photo.png"
+
+[[object]]
+name = "edge"
+kind = "snake"
+closed = false
+points = [[10, 12], [40, 20], [70, 14]]
+nodes = 40
+not_here = [[5, 5]]
+[object.material]
+w1 = 0.1
+w2 = 2e-6
+
+[[object.spring]]
+point = 0.25
+anchor = [30, 40]
+stiffness = 2
+start = 10
+stop = 20
+
+[[object.spring]]
+anchor = [30, 40]
+reach = 6
+
+[[object]]
+name = "leaf"
+kind = "sheet"
+corners = [[10, 12], [40, 20], [40, 40], [12, 38]]
+depth = 3.0
+grid = [9, 7]
+load = [0, 0, 1]
+image = false
+
+[[object.spring]]
+near = [10, 12, 3]
+anchor = [0, 0, 9]
+
+[[object]]
+name = "body"
+spine = [[20, 30], [40, 32], [60, 30]]
+
+[[object.spring]]
+point = [0.5, 0.1]
+anchor = [30, 40]
+"""
+
+
+def test_snakes_sheets_and_springs(folder):
+    (folder / "scene.toml").write_text(LINES)
+    scene = symseek.load(folder)
+    assert [o.name for o in scene.tubes] == ["body"] and [o.name for o in scene.lines] == ["edge", "leaf"]
+    edge, leaf = scene.lines
+    assert isinstance(edge, symseek.Snake) and isinstance(leaf, symseek.Sheet)
+    assert (edge.closed, edge.nodes, edge.material) == (False, 40, symseek.SnakeMaterial(0.1, 2e-6))
+    np.testing.assert_array_equal(edge.points, [[10, 12], [40, 20], [70, 14]])
+    assert edge.springs == (
+        symseek.Spring((30, 40), point=(0.25,), stiffness=2, start=10, stop=20),
+        symseek.Spring((30, 40), reach=6),
+    )
+    assert (leaf.grid, leaf.load, leaf.image, leaf.depth) == ((9, 7), (0, 0, 1), False, 3)
+    assert leaf.springs == (symseek.Spring((0, 0, 9), near=(10, 12, 3)),)
+    assert scene.tubes[0].springs == (symseek.Spring((30, 40), point=(0.5, 0.1)),)

@@ -1,0 +1,298 @@
+"""The objects of a scene file, tubes, snakes and sheets with their springs: read and checked."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+from .checks import Bounds, Table, is_number, shown
+from .sim.curve import shoelace
+from .sim.problem import Settings, Sheet, SheetMaterial, Snake, SnakeMaterial, Tube, View
+from .sim.spring import Spring
+from .weights import breaks_of, material_of
+
+GRID_MIN, GRID_MAX = (8, 6), 512  # around, along
+NODES = (12, 2000)  # of a snake
+SPINE_MIN = 10.0  # px, the whole
+STEP_MIN = 0.1  # px, between any two points
+
+LINE_BOUNDS: Bounds = {f.name: (0.0, 1e6) for m in (SnakeMaterial, SheetMaterial) for f in fields(m)}
+
+SHARED_KEYS = ["name", "kind", "material", "not_here", "spring"]
+KINDS = {
+    "tube": ["spine", "radius", "depth", "grid", "break"],
+    "snake": ["points", "closed", "nodes"],
+    "sheet": ["corners", "depth", "grid", "load", "image"],
+}
+OBJECT_KEYS = [*SHARED_KEYS, *dict.fromkeys(key for keys in KINDS.values() for key in keys)]
+SPRING_KEYS = ["anchor", "point", "near", "stiffness", "reach", "start", "stop"]
+
+
+def build_object(
+    table: Table, view: View, scale: float, default_name: str | None, settings: Settings
+) -> Tube | Snake | Sheet:
+    """One object from its table.
+
+    Args:
+        table: with the keys OBJECT_KEYS.
+        view: the first one.
+        scale: world units per pixel.
+        default_name: where the table has none; None: it must have one.
+        settings: of the solver.
+
+    Raises:
+        SceneError: a value is missing, wrong or out of place.
+    """
+    kind = table.text("kind", "tube", choices=KINDS)
+    for key in table.data:
+        if key not in (*SHARED_KEYS, *KINDS[kind]):
+            owners = " or a ".join(owner for owner, keys in KINDS.items() if key in keys)
+            table.fail(key, f"does not belong to a {kind}", f'it is a {owners}\'s: write kind = "...", or remove it')
+    why = "several objects need a name each"
+    name = table.name("name", default_name, why) if default_name else table.name("name", why=why)
+    shared = {"name": name, "not_here": _marks(table, view), "springs": _springs(table, view, kind, settings)}
+    if kind == "snake":
+        return _snake(table, view, shared)
+    return _sheet(table, view, shared) if kind == "sheet" else _tube(table, view, scale, shared)
+
+
+def _marks(table: Table, view: View) -> np.ndarray:
+    if not len(table.take("not_here", [])):
+        return np.zeros((0, 2))
+    marks = table.array("not_here", (None, 2), "a list of image points")
+    _inside(table, "not_here", marks, view.image)
+    return marks
+
+
+def _snake(table: Table, view: View, shared: dict[str, Any]) -> Snake:
+    why = "give the rough curve: points = [[x, y], [x, y], ...], in pixels"
+    closed = table.flag("closed", True)
+    points = _curve(table, "points", view, closed, "a list of [x, y] points", why)
+    nodes = table.take("nodes", Snake.nodes)
+    if not isinstance(nodes, int) or isinstance(nodes, bool) or not NODES[0] <= nodes <= NODES[1]:
+        table.fail("nodes", f"{shown(nodes)} is out of bounds", f"give a whole number from {NODES[0]} to {NODES[1]}")
+    material = table.fields("material", SnakeMaterial(), LINE_BOUNDS)
+    return Snake(points, closed=closed, nodes=nodes, material=material, **shared)
+
+
+def _curve(table: Table, key: str, view: View, closed: bool, meaning: str, why: str) -> np.ndarray:
+    """Image points, shape (n, 2), of a curve without knots that the view sees."""
+    points = table.array(key, (None, 2), meaning, why=why)
+    least = 3 if closed else 2
+    if len(points) < least:
+        table.fail(key, f"has {len(points)} point{'s' * (len(points) != 1)}", f"give at least {least}, in order")
+    _inside(table, key, points, view.image)
+    ring = points
+    if closed:  # all but shut: ends that meet are no crossing
+        ring = np.concatenate([points, points[:1] + 1e-6 * (points[-1:] - points[:1])])
+    _unknotted(table, key, points, ring)
+    if closed and abs(shoelace(points)) < SPINE_MIN**2:
+        table.fail(key, f"encloses {abs(shoelace(points)):.0f} pixels", f"it must enclose at least {SPINE_MIN**2:g}")
+    return points
+
+
+def _sheet(table: Table, view: View, shared: dict[str, Any]) -> Sheet:
+    why = "give four points: corners = [[x, y], [x, y], [x, y], [x, y]], in order around it"
+    value = table.take("corners", why=why)
+    wide = 3 if isinstance(value, list | tuple | np.ndarray) and len(value) and np.size(value[0]) == 3 else 2
+    corners = table.array("corners", (4, wide), "four [x, y] or [x, y, z] points", why=why)
+    image = table.flag("image", True)
+    seen = corners if wide == 2 else _seen(table, "corners", corners, view)
+    if image or wide == 2:
+        _inside(table, "corners", seen, view.image)
+    ring = np.concatenate([seen, seen[:1] + 1e-6 * (seen[-1:] - seen[:1])])
+    if image or wide == 2:
+        _unknotted(table, "corners", seen, ring)
+    material = table.fields("material", SheetMaterial(), LINE_BOUNDS)
+    if material.w11 > (most := float(np.sqrt(material.w20 * material.w02))) * (1 + 1e-6):
+        table.fail("material.w11", f"{material.w11:g} is out of bounds", f"it must be at most the root of w20 w02, {most:g}")
+    x, y, z = (float(v) for v in table.array("load", (3,), "a vector", default=[0.0, 0.0, 0.0]))
+    return Sheet(
+        corners,
+        depth=_depth(table, view, wide == 2),
+        grid=_grid(table),
+        material=material,
+        load=(x, y, z),
+        image=image,
+        **shared,
+    )
+
+
+def _springs(table: Table, view: View, kind: str, settings: Settings) -> tuple[Spring, ...]:
+    value = table.take("spring", [])
+    if not isinstance(value, list | tuple):
+        table.fail("spring", f"{shown(value)} is not a list of tables", "write [[object.spring]] below the object")
+    return tuple(
+        _spring(Table(v, table.source, table.path(f"spring[{i}]"), SPRING_KEYS), view, kind, settings)
+        for i, v in enumerate(value)
+    )
+
+
+def _spring(table: Table, view: View, kind: str, settings: Settings) -> Spring:
+    def place(key: str, why: str) -> tuple[float, ...]:
+        value = table.take(key, why=why)
+        wide = 3 if np.size(value) == 3 and kind != "snake" else 2
+        meaning = "an image point [column, row]" + ("" if kind == "snake" else " or a world point [x, y, z]")
+        return tuple(float(v) for v in table.array(key, (wide,), meaning))
+
+    anchor = place("anchor", "give the image point it pulls to: anchor = [x, y]")
+    reach = table.number("reach", above=0.0) if "reach" in table else None
+    point = near = None
+    if reach is not None:
+        for key in ("point", "near"):
+            if key in table:
+                table.fail(key, "has no meaning beside reach", "a volcano pushes the whole object; remove it")
+    elif ("point" in table) == ("near" in table):
+        table.fail(
+            "near",
+            "stands beside point" if "near" in table else "is missing",
+            "say where the spring is tied: near = [x, y] in the image, or point = material coordinates from 0 to 1",
+        )
+    elif "near" in table:
+        near = place("near", "")
+        if len(near) == 2:
+            _inside(table, "near", np.array([near]), view.image)
+    else:
+        count = 1 if kind == "snake" else 2
+        value = np.atleast_1d(np.asarray(table.take("point"), dtype=object))
+        fits = value.shape == (count,) and all(is_number(v) and 0 <= v <= 1 for v in value)
+        if not fits:
+            wanted = "s along it" if count == 1 else "[x, s], around and along it"
+            table.fail("point", f"{shown(table.take('point'))} does not fit", f"give {wanted}, from 0 to 1")
+        point = tuple(float(v) for v in value)
+    start, stop = table.take("start", 0), table.take("stop", None)
+    for key, value, least in (("start", start, 0), ("stop", stop, start + 1 if isinstance(start, int) else 1)):
+        if value is None:
+            continue
+        if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= settings.iterations:
+            bound = f"from {least} to solver.iterations = {settings.iterations}"
+            table.fail(key, f"{shown(value)} is out of bounds", f"give an iteration, a whole number {bound}")
+    stiffness = table.number("stiffness", 1.0, above=0.0, most=1e6)
+    return Spring(anchor, point, near, stiffness, reach, start, stop)
+
+
+def _grid(table: Table) -> tuple[int, int]:
+    grid = table.take("grid", [25, 25])
+    whole = (
+        isinstance(grid, list | tuple)
+        and len(grid) == 2
+        and all(isinstance(n, int) and not isinstance(n, bool) for n in grid)
+    )
+    if not whole or not all(least <= n <= GRID_MAX for n, least in zip(grid, GRID_MIN, strict=True)):
+        table.fail(
+            "grid",
+            f"{shown(grid)} is out of bounds",
+            f"give [around, along], at least {list(GRID_MIN)} and at most {GRID_MAX} each",
+        )
+    return grid[0], grid[1]
+
+
+def _depth(table: Table, view: View, needed: bool) -> float:
+    depth = table.number("depth", 0.0)
+    if not view.camera.affine and needed and depth <= 0:
+        table.fail(
+            "depth",
+            f"{depth:g} is not in front of the perspective camera",
+            "give the object's distance along the view's axis",
+        )
+    return depth
+
+
+def _tube(table: Table, view: View, scale: float, shared: dict[str, Any]) -> Tube:
+    radius = None
+    if table.take("radius", None) is not None:
+        widest = 0.5 * float(np.hypot(*view.image.shape[:2])) * scale if view.camera.affine else np.inf
+        radius = table.number("radius", above=0.0, most=widest)
+    spine, grid = _spine(table, view), _grid(table)
+    height, width = view.image.shape[:2]
+    return Tube(
+        spine=spine, radius=radius, depth=_depth(table, view, spine.shape[1] == 2), grid=grid,
+        material=material_of(table, grid), breaks=breaks_of(table, grid[1], (height, width)), **shared,
+    )  # fmt: skip
+
+
+def _inside(table: Table, key: str, points: np.ndarray, image: np.ndarray) -> None:
+    height, width = image.shape[:2]
+    size = np.array([width, height])
+    for i, point in enumerate(points):
+        if not np.all((point >= -0.5) & (point <= size - 0.5)):
+            at = f"[{point[0]:g}, {point[1]:g}]"
+            table.fail(
+                f"{key}[{i}]",
+                f"{at} lies outside the image of {width} x {height} pixels",
+                "points are [column, row]",
+            )
+
+
+def _spine(table: Table, view: View) -> np.ndarray:
+    """Shape (n, 2) image points, or (n, 3) world points; seen by the view and free of knots."""
+    value = table.take("spine", why="give the rough axis: spine = [[x, y], [x, y], ...], in pixels")
+    wide = 3 if isinstance(value, list | tuple | np.ndarray) and len(value) and np.size(value[0]) == 3 else 2
+    spine = table.array("spine", (None, wide), "a list of [x, y] or [x, y, z] points")
+    if len(spine) < 2:
+        table.fail(
+            "spine",
+            f"has {len(spine)} point{'s' * (len(spine) != 1)}",
+            "give at least two, from one end of the object to the other",
+        )
+    seen = spine if wide == 2 else _seen(table, "spine", spine, view)
+    _inside(table, "spine", seen, view.image)
+    _unknotted(table, "spine", spine, seen, crossing=wide == 2)
+    return spine
+
+
+def _seen(table: Table, key: str, points: np.ndarray, view: View) -> np.ndarray:
+    """Image points of world points, shape (n, 3), which must lie before the camera."""
+    m = view.camera.matrix
+    if not view.camera.affine and np.any((points @ m[2, :3] + m[2, 3]) * np.linalg.det(m[:, :3]) <= 0):
+        table.fail(
+            key,
+            f"{shown(points)} lies behind the camera",
+            "world points in front of it have a positive depth",
+        )
+    return view.camera.project(points)
+
+
+def _unknotted(table: Table, key: str, given: np.ndarray, seen: np.ndarray, crossing: bool = True) -> None:
+    """Refuses a curve, seen at image points (n, 2), that repeats a point, is too short or crosses itself."""
+    gaps = np.linalg.norm(seen[: len(given), None] - seen[None, : len(given)], axis=2)
+    near = np.argwhere(np.triu(gaps < STEP_MIN, 1))
+    if len(near):
+        i, j = near[0]
+        table.fail(key, f"points {i} and {j} are both {shown(given[i])}", "remove the repeated one")
+    length = float(np.trace(gaps, 1))
+    if length < SPINE_MIN:
+        table.fail(
+            key,
+            f"is {length:.1f} pixels long",
+            f"it must be at least {SPINE_MIN:g}, or the image is too coarse",
+        )
+    found = _crossing(seen) if crossing else None
+    if found:
+        i, j = found
+        table.fail(
+            key,
+            f"crosses itself: {i} to {i + 1} meets {j} to {j + 1}",
+            "order the points from one end to the other",
+        )
+
+
+def _crossing(points: np.ndarray) -> tuple[int, int] | None:
+    """The first two segments of a polyline, shape (n, 2), that cross or turn back on each other; by index."""
+
+    def side(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> float:
+        return float(np.sign((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])))
+
+    step = np.diff(points, axis=0)
+    step /= np.linalg.norm(step, axis=1, keepdims=True)
+    for j in range(1, len(points) - 1):
+        if step[j - 1] @ step[j] < -0.996:  # within 5 degrees
+            return j - 1, j
+        c, d = points[j], points[j + 1]
+        for i in range(j - 1):
+            a, b = points[i], points[i + 1]
+            if side(a, b, c) != side(a, b, d) and side(c, d, a) != side(c, d, b):
+                return i, j
+    return None
