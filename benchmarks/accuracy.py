@@ -39,7 +39,7 @@ class Seeds:
     mixed: range
 
 
-UNSEEN = Seeds(range(12012, 12045), range(13013, 13024), range(14014, 14047))
+UNSEEN = Seeds(range(16016, 16049), range(17017, 17028), range(18018, 18051))
 TUNING = Seeds(range(0, 33), range(33, 44), range(44, 77))
 
 
