@@ -39,7 +39,7 @@ class Seeds:
     mixed: range
 
 
-UNSEEN = Seeds(range(16016, 16049), range(17017, 17028), range(18018, 18051))
+UNSEEN = Seeds(range(21021, 21054), range(22022, 22033), range(23023, 23056))
 TUNING = Seeds(range(0, 33), range(33, 44), range(44, 77))
 
 
