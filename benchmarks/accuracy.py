@@ -39,7 +39,7 @@ class Seeds:
     mixed: range
 
 
-UNSEEN = Seeds(range(12012, 12045), range(13013, 13024), range(14014, 14047))
+UNSEEN = Seeds(range(21021, 21054), range(22022, 22033), range(23023, 23056))
 TUNING = Seeds(range(0, 33), range(33, 44), range(44, 77))
 
 

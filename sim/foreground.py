@@ -34,6 +34,8 @@ UNEVEN, SLACK, SHORT = 1.5, 0.04, 0.2
 """Farthest that the object reaches to a side, times its width on the narrow one, plus lengths of the axis; past the ends."""
 MIDDLE, SMOOTH = 5, 1.0
 """Rounds in which the axis goes to the object's middle; smoothing along it, in half widths."""
+ROUND = 0.4
+"""Smoothing of the map when it is done [samples]."""
 CLEAR = 1.0
 """Log likelihood ratio of colours that are the object's wherever they are."""
 FINE, FINEST, FINER = 16.0, 0.8, 1.2
@@ -231,7 +233,8 @@ class _Look:
 
     def found(self, inside: np.ndarray, length: float) -> Foreground:
         """The walker's map with its outline made plain, and what it says of the object."""
-        soft = _soft(inside)
+        # an outline that is decided follows the corners of the samples, and no tip does
+        soft = ndimage.gaussian_filter(_soft(inside), ROUND)
         half, axis = _half_width(soft, self.line, self.step, self.origin)
         return Foreground(soft, self.step, (float(self.origin[0]), float(self.origin[1])), length, half, axis)
 

@@ -16,7 +16,7 @@ from .surface import smooth_grid, smooth_pieces
 GATHER = 0.3
 """How much closer the rings of a closed tube stand at its ends than evenly: caps need them more than the body."""
 
-TURNING = 0.15
+TURNING = 0.2
 """Share of the rings dealt out by how much the meridians turn; the others by their length."""
 TURNING_OFF = 3
 """Rings beside a discontinuity whose turning does not count."""

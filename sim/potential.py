@@ -229,7 +229,7 @@ class ScaleSpace:
             unit = np.sqrt(2 * np.pi) * sigma**3
             return self._potential(sigma, [*(slope * unit / self.step**2), nothing, nothing], p)
         pull = self._pull(s, p, slope)
-        thin = self._thin(s)
+        thin = 0.0 if sure is None else self._thin(s)
         if finest and sure is not None:
             pull -= (1 - thin) * self._limb(s, weight, p, pull)
         pull *= np.minimum(1.0, RANGE * s / np.maximum(np.linalg.norm(pull, axis=0), 1e-12)) * self.step
