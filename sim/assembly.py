@@ -91,13 +91,14 @@ class Assembly:
     def set_material(self, share: float) -> None:
         """Writes the weights; `share` of the rigidities that falls with sigma (continuation)."""
         m = self.model
-        node = {n: np.zeros(m.nodes, np.float32) for n in ("w10", "w20", "w11", "w01", "w02")}
-        ring = {n: np.zeros(m.rings, np.float32) for n in ("w1", "w2")}
+        node = {n: np.zeros(m.nodes, np.float32) for n in ("w10", "w20", "w11", "w01", "w02", "mu", "gamma")}
+        ring = {n: np.zeros(m.rings, np.float32) for n in ("w1", "w2", "spine_mu", "spine_gamma")}
         coupling = np.zeros((m.rings, 8), np.float32)
         for k, tube in enumerate(self.tubes):
             mat, nodes, rings = tube.material, m.nodes_of(k), m.rings_of(k)
-            for n in ("w10", "w20", "w11", "w01"):
+            for n in ("w10", "w20", "w11", "w01", "mu", "gamma"):
                 node[n][nodes] = getattr(mat, n)
+            ring["spine_mu"][rings], ring["spine_gamma"][rings] = mat.mu, mat.gamma
             node["w02"][nodes] = mat.w02 * share
             ring["w1"][rings], ring["w2"][rings] = mat.w1, mat.w2 * share
             lap = (2 * np.sin(np.pi / tube.grid[0]) * tube.grid[0]) ** 2
@@ -182,5 +183,6 @@ class Assembly:
                 f.gain *= (self._pixel(k) / self.unit) ** 2
             fields.append([f])
         self.model.samples.assign(samples)
+        self.model.image_load[:] = self.settings.gain * LINE_LOAD
         host = wp.array([f[0] for f in fields], dtype=image_kernels.Field, device="cpu").numpy()
         self.model.fields.assign(host.reshape(len(potentials), 1))

@@ -29,6 +29,10 @@ class Material:
     """twist rigidity of the tube (3); explicit, so keep it below 1e-7."""
     w02: float = 1e-7
     """rigidity of the tube along (3)."""
+    mu: float = 0.0
+    """mass density of spine and tube (1); 0 is the motion of first order, in which dt is no time."""
+    gamma: float = 1.0
+    """viscosity of the medium (1)."""
     a: float = 1.0
     """spine to centroid of its ring (7)."""
     reaction: float = 0.1

@@ -31,6 +31,9 @@ class Model:
         bend_basis: orthonormal polynomials in s of each spine, shape (R, BEND_DEGREE + 1).
         ring_far: importance for a ring's tangent of a segment of the spine over that of the one before, shape (R,).
         k1: tension factor K1 of edges that are too short, shape (K,).
+        mu, gamma: mass density and viscosity of the medium (1) of tube nodes, shape (N,).
+        spine_mu, spine_gamma: the same of spine nodes, shape (R,).
+        image_load: stiffness of the image's force, by unit of the contour's length and of s, shape (K,), on the host.
         eyes: cameras in each tube's units, shape (V,) (see `set_cameras`).
         fields: potential of each tube in each view, shape (K, V).
         samples: all potentials' samples, (pull column, pull row, pressure, pressure at a pole) [px].
@@ -81,6 +84,9 @@ class Model:
         self.bend_basis = wp.array(basis, dtype=float, device=device)
         self.ring_far = wp.zeros(self.rings, dtype=float, device=device)
         self.k1 = wp.zeros(self.tubes, dtype=float, device=device)
+        self.mu, self.spine_mu = (wp.zeros(n, dtype=float, device=device) for n in (self.nodes, self.rings))
+        self.gamma, self.spine_gamma = (wp.ones(n, dtype=float, device=device) for n in (self.nodes, self.rings))
+        self.image_load = np.zeros(self.tubes)
         self.depth_rest = wp.zeros(self.rings, dtype=float, device=device)
         self.eyes = wp.zeros(views, dtype=projection.Eye, device=device)  # pyright: ignore
         self.fields = wp.zeros((self.tubes, views), dtype=image.Field, device=device)  # pyright: ignore

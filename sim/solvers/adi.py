@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 import warp as wp
 
 from ...kernels import integrate
 from ..model import SPINE_TO_RING, SYMMETRY, Model, State
 from .base import Solver, end_mass
+from .bounds import along, around
 from .factor import cyclic_bands, factor_cyclic, factor_open, open_bands
 
 HELD = 1e6
@@ -15,7 +18,16 @@ HELD = 1e6
 
 
 class SolverADI(Solver):
-    """The paper's operator splitting; bears any step of the elastic forces, dt <= 1 of coupling and image forces."""
+    """The paper's operator splitting: P = (1 + dt Kx)(M + dt Ks) = M + dt (M Kx + Ks) + dt^2 Kx Ks.
+
+    Bears any step of elastic forces; twist w11, which is not in P, any if w11^2 <= w20 w02, and else as `bounds` finds.
+    With mass, where Kx and Ks commute, as they do for weights that are even or vary with x and s as a product, a step
+    keeps H + h^4 / (32 mu) u' Kx Ks u, the H of `Solver` and the inertia that the splitting adds to stiff modes.
+    """
+
+    name, title, remedy = "adi", "alternating directions", ' or use solver.scheme = "direct"'
+    bears_mass = True
+    means_apart = True
 
     def __init__(self, model: Model, dt: float | None, slow: float | None, momentum: float):
         n, r = model.nodes, model.rings
@@ -29,11 +41,14 @@ class SolverADI(Solver):
         self.x_edge = wp.zeros((r, 6), dtype=float, device=device)
         self.s_factor = [zeros(n) for _ in range(3)]
         self.low_factor = [zeros(4 * r) for _ in range(3)]
+        self.node_weight = wp.zeros(n, dtype=float, device=device)
         super().__init__(model, dt, slow, momentum)
 
     def material_changed(self) -> None:
         super().material_changed()
         m = self.model
+        self.uneven = bool(np.any(self.weight != 1))
+        self.node_weight.assign(self.weight.astype(np.float32))
         host = {k: getattr(m, k).numpy().astype(float) for k in ("w10", "w20", "w01", "w02", "w1", "w2")}
         coupling = m.coupling.numpy().astype(float)
         x = {k: np.zeros((m.nodes, *v.shape[1:])) for k, v in self._empty_x().items()}
@@ -42,22 +57,28 @@ class SolverADI(Solver):
         s = np.zeros((3, m.nodes))
         low = np.zeros((3, 4, m.rings))
         for k, (nx, ns) in enumerate(m.grids):
+            dt, slow_dt, spine_dt = map(float, self.steps[k])
             nodes, rings = m.nodes_of(k), m.rings_of(k)
             closed = bool(m.host_ring_closed[rings][0])
             grid = {key: host[key][nodes].reshape(ns, nx) for key in ("w10", "w20", "w01", "w02")}
             # symmetry (8) acts on what a ring has beyond its slow modes, so it is taken implicitly too
             diagonal, first, second = cyclic_bands(grid["w10"], grid["w20"], 1 / nx)
             b = coupling[rings, SYMMETRY][:, None]
-            factors = factor_cyclic(1 + self.dt * (diagonal + b), self.dt * first, self.dt * second)
+            weight = self.weight[nodes].reshape(ns, nx)
+            if self.mass and closed and np.ptp(weight, axis=1).max() > 0:
+                raise ValueError('material.mu and gamma vary around a closed tube: use solver.scheme = "direct"')
+            factors = factor_cyclic(weight + dt * (diagonal + b), dt * first, dt * second)
             for key in x:
                 x[key][nodes] = factors[key].reshape(nx * ns, *factors[key].shape[2:])
             corner[rings], edge[rings] = factors["corner"], factors["edge"]
-            s[:, nodes] = np.moveaxis(self._along(grid["w01"].T, grid["w02"].T, self.dt, closed), 2, 1).reshape(3, -1)
+            lines = self._along(grid["w01"].T, grid["w02"].T, dt, closed, inertia=weight.T)
+            s[:, nodes] = np.moveaxis(lines, 2, 1).reshape(3, -1)
             tension, rigidity = grid["w01"].mean(1)[None], grid["w02"].mean(1)[None]
-            low[:, 0, rings] = self._along(tension, rigidity, self.slow_dt, False, extra=tie[rings])[:, 0]
-            low[:, 1:3, rings] = self._along(tension, rigidity, self.slow_dt, closed)
+            mean, own = self.low_weight[0, rings], self.low_weight[3, rings]
+            low[:, 0, rings] = self._along(tension, rigidity, slow_dt, False, tie[rings], mean)[:, 0]
+            low[:, 1:3, rings] = self._along(tension, rigidity, slow_dt, closed, inertia=mean)
             a = coupling[rings, SPINE_TO_RING]
-            spine = self._along(host["w1"][rings][None] + k1[k], host["w2"][rings][None], self.spine_dt, False, extra=a)
+            spine = self._along(host["w1"][rings][None] + k1[k], host["w2"][rings][None], spine_dt, False, a, own)
             low[:, 3, rings] = spine[:, 0]
         for key in x:
             self.x_factor[key].assign(x[key].astype(np.float32))
@@ -67,6 +88,30 @@ class SolverADI(Solver):
             array.assign(value.astype(np.float32))
         for array, value in zip(self.low_factor, low.reshape(3, -1), strict=True):
             array.assign(value.astype(np.float32))
+
+    def margins(self, k: int, dt: float) -> np.ndarray:
+        q = super().margins(k, dt)
+        m, (nx, ns) = self.model, self.model.grids[k]
+        nodes, rings = m.nodes_of(k), m.rings_of(k)
+        w = {key: getattr(m, key).numpy()[nodes].astype(float) for key in ("w10", "w20", "w11", "w01", "w02")}
+        kx, lap = around(w["w10"].min(), w["w20"].min(), nx)
+        share = 0.0 if self.mass else 1.0  # of K that a step of first order has to spare
+        fast = slice(0 if self.mass else 2, None)
+        q[fast] += share * (kx + float(m.coupling.numpy()[rings, SYMMETRY].min()))[fast]
+        if w["w11"].max() == 0:
+            return q
+        ks, stretch = self._modes(float(w["w01"].min()), float(w["w02"].min()), ns)
+        twist = 2 * w["w11"].max() * lap[:, None] * stretch
+        # what the splitting adds: 2 dt Kx Ks, with mass Kx Ks / (4 mu / h^2 + 2 gamma / h)
+        heaviest, gamma = (float(a.numpy()[nodes].max()) for a in (m.mu, m.gamma))
+        split = np.full(len(q), 1 / (4 * heaviest / dt**2 + 2 * gamma / dt) if self.mass else 2 * dt / gamma)
+        split[: fast.start] *= self.slow
+        return (q[:, None] + share * ks + split[:, None] * kx[:, None] * ks - twist).min(axis=1)
+
+    @staticmethod
+    @functools.lru_cache(64)
+    def _modes(tension: float, rigidity: float, ns: int) -> tuple[np.ndarray, np.ndarray]:
+        return along(tension, rigidity, ns)
 
     @staticmethod
     def _empty_x() -> dict[str, np.ndarray]:
@@ -79,13 +124,18 @@ class SolverADI(Solver):
 
     @staticmethod
     def _along(
-        tension: np.ndarray, rigidity: np.ndarray, dt: float, held: bool, extra: np.ndarray | float = 0.0
+        tension: np.ndarray,
+        rigidity: np.ndarray,
+        dt: float,
+        held: bool,
+        extra: np.ndarray | float = 0.0,
+        inertia: np.ndarray | float = 1.0,
     ) -> np.ndarray:
-        """Factors of mass + dt Ks for lines along s, shape (3, lines, ns)."""
+        """Factors of mass (inertia + dt extra) + dt Ks for lines along s, shape (3, lines, ns)."""
         ns = tension.shape[1]
         diagonal, first, second = open_bands(tension, rigidity, 1 / (ns - 1))
         mass = end_mass(ns)
-        diagonal = mass * (1 + dt * extra) + dt * diagonal
+        diagonal = mass * (inertia + dt * extra) + dt * diagonal
         if held:
             diagonal[:, [0, -1]] += HELD
         return np.stack(factor_open(diagonal, dt * first, dt * second))
@@ -102,6 +152,8 @@ class SolverADI(Solver):
             outputs=[s.delta],
             device=m.device,
         )  # fmt: skip
+        if self.uneven:  # between the sweeps stands the inertia: (W + dt Kx) W^-1 (M W + dt Ks)
+            wp.launch(integrate.scale_nodes, m.nodes, inputs=[self.node_weight], outputs=[s.delta], device=m.device)
         wp.launch(
             integrate.sweep_meridians,
             m.lines,

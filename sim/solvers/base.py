@@ -1,4 +1,4 @@
-"""What every scheme shares: steps of each tube, slow modes apart, the update."""
+"""What every scheme shares: steps of each tube, slow modes apart, motion with mass, the step that it can bear."""
 
 from __future__ import annotations
 
@@ -7,35 +7,114 @@ import warp as wp
 
 from ...kernels import integrate
 from ..model import DEPTH, REACTION, SYMMETRY, UPRIGHT, Model, State
+from .bounds import STRETCH, compliance, longest
+from . import bounds
+
+SAFE = 0.9
+"""Share of the longest step that is taken where the scheme's own is longer."""
 
 
 class Solver:
-    """First-order integration of (10), mu = 0 and gamma = 1: T += P^-1 R with a scheme's own P.
+    """Integration of (10), in which elastic forces K are implicit as far as the scheme's P goes, and all others explicit.
 
-    Equilibrium is R = 0 whatever P. The modes k = 0, +-1 of each ring (place, radius, tilt), which the
-    image reaches through two nodes only, take a step `slow` times as long.
+    Without mass (mu = 0): P D = dt R with P near gamma M + dt K, and v += D. Equilibrium is R = 0 whatever P. The modes
+    k = 0, +-1 of each ring (place, radius, tilt), which the image reaches through two nodes only, take a step `slow`
+    times as long, and each step repeats a share of the one before: both change how soon a tube rests, and not where.
+
+    With mass (mu > 0): Newmark's rule with beta = 1/4, gamma = 1/2 for the forces in P, leapfrog for the others. With
+    D = h u the way since the step before, R the force where the tube is now and A = mu M / h^2 + gamma M / (2 h) + K / 4,
+
+        A (D' - D) = R - gamma M u,    v += D',
+
+    so that a step without damping keeps H = 1/2 mu u'M u + 1/2 w'K w, w the middle of the step, to rounding where P is
+    the whole of 4 h^2 A / (4 mu + 2 gamma h) and the forces are linear; damping takes h gamma w'M w from it. Neither
+    `slow` nor momentum apply: mass is the momentum.
     """
 
     default_dt = 0.4
     default_slow = 12.0
     spine = 5.0
     """Step of the spine over that of the slow modes."""
+    name = title = ""
+    """What the scene file, and what a message calls the scheme."""
+    remedy = ""
+    """What else a message about too long a step advises."""
+    bears_mass = False
+    """Whether it integrates mu > 0."""
+    captured = True
+    """Whether a step is launches only, so that a graph can hold it."""
 
     def __init__(self, model: Model, dt: float | None, slow: float | None, momentum: float):
-        self.model, self.momentum = model, momentum
+        self.model, self.momentum, self.asked = model, momentum, dt
         self.step_size = wp.zeros((model.tubes, 3), dtype=float, device=model.device)
-        self.set_step(dt or self.default_dt, slow or self.default_slow)
         self.first_mode = wp.zeros(model.rings, dtype=float, device=model.device)
+        self.slow = slow or self.default_slow
+        self.dt = dt or self.default_dt
         self.material_changed()
 
-    def set_step(self, dt: float, slow: float) -> None:
-        """Time steps of nodes, of slow modes and of the spine, which has next to no inertia: it follows its rings."""
-        self.dt, self.slow_dt, self.spine_dt = dt, dt * slow, self.spine * dt * slow
-        steps = np.array([self.dt, self.slow_dt, self.spine_dt], np.float32)
-        self.step_size.assign(np.tile(steps, (self.model.tubes, 1)))
-
     def material_changed(self) -> None:
-        """Makes the factors again; to be called after weights of the model changed."""
+        """Makes the factors again; to be called after weights of the model changed.
+
+        Raises:
+            ValueError: the scheme cannot bear the step that was asked for, mass, or the material.
+        """
+        self.stiffness_of_first_mode()
+        self.mass = bool(self.model.mu.numpy().max() > 0)
+        if self.mass and not self.bears_mass:
+            raise ValueError(f'solver.scheme = "{self.name}" does not integrate material.mu > 0: use "adi", "direct" or "euler"')
+        self.dt = self.asked or self.default_dt
+        longest = self.longest_step()
+        if self.asked is None:
+            self.dt = min(self.dt, SAFE * longest)
+        elif self.asked > longest:
+            raise ValueError(
+                f"solver.step = {self.asked:g} is too long for {self.title} with this material and grid: at most"
+                f" {longest:.3g}; lower it, leave it out{self.remedy}"
+            )
+        self.set_step()
+
+    def longest_step(self) -> float:
+        """The longest dt that the scheme bears with the model's material as it is, inf where there is none (`bounds`)."""
+
+        def bears(dt: float) -> bool:
+            for k, (nx, _) in enumerate(self.model.grids):
+                margin = self.margins(k, dt)
+                if margin.min() <= 0 or STRETCH * self.model.image_load[k] * compliance(margin, nx) >= 1:
+                    return False
+            return True
+
+        return longest(bears)
+
+    def set_step(self) -> None:
+        """Steps of nodes, of slow modes and of the spine (which has next to no inertia: it follows its rings), for P.
+
+        Sets `steps` (K, 3): dt / gamma, or h^2 / (4 mu + 2 gamma h) with mass, of the tube's mean; and how far the
+        inertia of each node and of each entry of the four slow lines is from that, `weight` (N,), `low_weight` (4, R).
+        """
+        m = self.model
+        slow, spine = (1.0, 1.0) if self.mass else (self.slow, self.spine)
+        self.slow_dt, self.spine_dt = self.dt * slow, spine * self.dt * slow
+        self.steps = np.tile(np.array([self.dt, self.slow_dt, self.spine_dt]), (m.tubes, 1))
+        inertia, spine_inertia = (
+            mu.numpy().astype(float) + 0.5 * self.dt * gamma.numpy().astype(float) if self.mass else gamma.numpy().astype(float)
+            for mu, gamma in ((m.mu, m.gamma), (m.spine_mu, m.spine_gamma))
+        )
+        if not (inertia.min() > 0 and spine_inertia.min() > 0) or (self.mass and not m.mu.numpy().min() > 0):
+            raise ValueError("material.mu must be above 0 everywhere or nowhere, and material.gamma above 0 where mu is not")
+        self.weight, self.low_weight = np.ones(m.nodes), np.ones((4, m.rings))
+        for k, (nx, ns) in enumerate(m.grids):
+            nodes, rings = m.nodes_of(k), m.rings_of(k)
+            # the mean of equal numbers need not be that number
+            means = [x.min() if np.ptp(x) == 0 else x.mean() for x in (inertia[nodes], spine_inertia[rings])]
+            for column, mean in ((slice(0, 2), means[0]), (2, means[1])):
+                self.steps[k, column] *= self.dt / (4 * mean) if self.mass else 1 / mean
+            self.weight[nodes] = inertia[nodes] / means[0]
+            self.low_weight[:3, rings] = self.weight[nodes].reshape(ns, nx).mean(axis=1)
+            self.low_weight[3, rings] = spine_inertia[rings] / means[1]
+        self.step_size.assign(self.steps.astype(np.float32))
+
+    def stiffness_of_first_mode(self) -> None:
+        """Sets `first_mode`: stiffness of a ring's modes +-1, (R,)."""
         stiffness = np.zeros(self.model.rings)
         w10, w20 = self.model.w10.numpy(), self.model.w20.numpy()
         node_ring = self.model.node_ring.numpy()
@@ -55,12 +134,40 @@ class Solver:
         coupling = self.model.coupling.numpy().astype(float)
         return coupling[:, REACTION] + 0.5 * coupling[:, SYMMETRY] + coupling[:, DEPTH]
 
+    def margins(self, k: int, dt: float) -> np.ndarray:
+        """Stiffness of the image's force that a step leaves room for in tube k's modes around, 0 to N_x // 2 (`bounds`).
+
+        Here for a P of which only inertia is known, and the ties of slow modes.
+        """
+        nx, rings, d = self.model.grids[k][0], self.model.rings_of(k), self.upright(k)
+        q = np.full(nx // 2 + 1, self.inert(k, dt) - d)
+        if self.whole:
+            q[0] -= self.tie()[rings].max()
+        else:
+            q[0] = self.inert(k, dt * self.slow) + self.tie()[rings].min()
+            q[1] = self.inert(k, dt * self.slow) + float(self.first_mode.numpy()[rings].min())
+        return q
+
+    def inert(self, k: int, dt: float) -> float:
+        """What inertia, or without it the medium, leaves room for: 2 gamma / dt, or 4 mu / h^2 with mass."""
+        least = float((self.model.mu if self.mass else self.model.gamma).numpy()[self.model.nodes_of(k)].min())
+        return 4 * least / dt**2 if self.mass else 2 * least / dt
+
+    def upright(self, k: int) -> float:
+        """Stiffness of what holds rings upright, which is explicit."""
+        return float(self.model.coupling.numpy()[self.model.rings_of(k), UPRIGHT].max())
+
     def solve_lines(self, state: State) -> None:
         """Turns dt R in `state.delta` and `state.low` into the step, in place."""
         raise NotImplementedError
 
+    @property
+    def whole(self) -> bool:
+        """Whether all modes take one step, so that they need not be parted."""
+        return self.mass
+
     def step(self, state: State) -> None:
-        """One step from the forces in `state`: launches only, so it can be captured."""
+        """One step from the forces in `state`: launches only, so it can be captured, unless `captured` is False."""
         m, s = self.model, state
         wp.launch(
             integrate.split_modes,
@@ -72,7 +179,12 @@ class Solver:
             outputs=[s.delta, s.low, s.residual, s.power],
             device=m.device,
         )  # fmt: skip
+        if self.whole:
+            self._join(state)
         self.solve_lines(state)
+        if self.mass:
+            self._advance_mass(state)
+            return
         wp.launch(
             integrate.gather_momentum,
             m.tubes,
@@ -84,6 +196,34 @@ class Solver:
             integrate.advance,
             m.nodes,
             inputs=[m.node_ring, m.ring_tube, m.ring_node, m.tube_nx, s.delta, s.low, s.momentum, m.rings],
+            outputs=[s.tube, s.spine, s.velocity, s.spine_velocity],
+            device=m.device,
+        )
+
+    means_apart = False
+    """Whether whole steps keep the means of a closed tube's rings in `state.low`, where lines along s solve for them."""
+
+    def _join(self, state: State) -> None:
+        m, s = self.model, state
+        wp.launch(
+            integrate.join_modes,
+            m.rings,
+            inputs=[
+                m.ring_tube, m.ring_node, m.ring_s, m.tube_nx, m.tube_ns, m.tube_ring, m.ring_closed,
+                m.mu, m.gamma, m.spine_mu, m.spine_gamma, self.step_size,
+                s.force, s.spine_force, s.velocity, s.spine_velocity,
+                m.rings, int(self.means_apart), self.dt if self.mass else 0.0,
+            ],
+            outputs=[s.delta, s.low, s.residual],
+            device=m.device,
+        )  # fmt: skip
+
+    def _advance_mass(self, state: State) -> None:
+        m, s = self.model, state
+        wp.launch(
+            integrate.advance_mass,
+            m.nodes,
+            inputs=[m.node_ring, m.ring_node, s.delta, s.low, m.rings, self.dt],
             outputs=[s.tube, s.spine, s.velocity, s.spine_velocity],
             device=m.device,
         )

@@ -12,7 +12,12 @@ from .factor import cyclic_bands, open_bands
 
 
 class SolverJacobi(Solver):
-    """Bears any step of the elastic forces, since each node is divided by its own stiffness; slow for stiff tubes."""
+    """Bears any step of the elastic forces, since each node is divided by its own stiffness; slow for stiff tubes.
+
+    P is diagonal and at least M + dt K / 2, so that 2 P / dt - K leaves 2 / dt for explicit forces.
+    """
+
+    name, title, remedy = "jacobi", "implicit Jacobi", ' or use solver.scheme = "adi"'
 
     def __init__(self, model: Model, dt: float | None, slow: float | None, momentum: float):
         self.inverse = wp.zeros(model.nodes, dtype=float, device=model.device)
@@ -30,7 +35,7 @@ class SolverJacobi(Solver):
         m = self.model
         coupling = m.coupling.numpy().astype(float)
         host = {k: getattr(m, k).numpy().astype(float) for k in ("w10", "w20", "w01", "w02", "w1", "w2")}
-        k1 = m.k1.numpy()
+        w11, k1 = m.w11.numpy().astype(float), m.k1.numpy()
         node, low = np.zeros(m.nodes), np.zeros((4, m.rings))
         for k, (nx, ns) in enumerate(m.grids):
             nodes, rings = m.nodes_of(k), m.rings_of(k)
@@ -38,9 +43,12 @@ class SolverJacobi(Solver):
             around = row_sum(cyclic_bands(grid["w10"], grid["w20"], 1 / nx), cyclic=True)
             along = row_sum(open_bands(grid["w01"].T, grid["w02"].T, 1 / (ns - 1)), cyclic=False).T
             along = along / end_mass(ns)[:, None]
-            node[nodes] = (around + along + coupling[rings, SYMMETRY][:, None]).reshape(-1)
+            # a row of |twist| sums to four cells of four entries each, at an end to half of that on half the mass
+            twist = 2 * w11[nodes].max() * (nx * (ns - 1)) ** 2 * 16
+            node[nodes] = (around + along + twist + coupling[rings, SYMMETRY][:, None]).reshape(-1)
             low[:3, rings] = along.max(axis=1)
             low[0, rings] += 2 * self.tie()[rings]
+            low[1:3, rings] += twist * (2 * np.sin(np.pi / nx)) ** 2 / 4
             spine = row_sum(
                 open_bands(host["w1"][rings][None] + k1[k], host["w2"][rings][None], 1 / (ns - 1)),
                 cyclic=False,
@@ -57,10 +65,11 @@ class SolverJacobi(Solver):
     def diagonals(self) -> tuple[np.ndarray, np.ndarray]:
         """What each entry of dt R is multiplied by, for nodes and slow lines."""
         node, low = self.stiffness()
+        m = self.model
         mass, low_mass = self.masses()
         # half the sum of a row of |K| keeps Jacobi's sweep stable for fourth differences, where the diagonal alone is not
-        dt = np.array([self.slow_dt, self.slow_dt, self.slow_dt, self.spine_dt])[:, None]
-        return 1 / (mass * (1 + 0.5 * self.dt * node)), 1 / (low_mass * (1 + 0.5 * dt * low))
+        dt = self.steps[m.host_ring_tube[m.node_ring.numpy()]], self.steps[m.host_ring_tube][:, [1, 1, 1, 2]].T
+        return 1 / (mass * (self.weight + 0.5 * dt[0][:, 0] * node)), 1 / (low_mass * (self.low_weight + 0.5 * dt[1] * low))
 
     def solve_lines(self, state: State) -> None:
         for inverse, target in ((self.inverse, state.delta), (self.low_inverse, state.low)):

@@ -1,0 +1,51 @@
+"""Implicit Euler with a sparse direct factorisation (section 5), by SciPy's SuperLU in float64 on the host."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse.linalg import splu
+
+from ..model import SYMMETRY, State
+from .base import Solver
+from .bounds import around
+from .matrix import step_matrix
+
+
+class SolverDirect(Solver):
+    """P = M + dt K of tube and spine, without splitting; with slow = 1 of all modes at once.
+
+    Bears any step of the elastic forces, twist included. Robust, and expensive for fine grids. Each step fetches the right
+    side from the device and hands the solution back, so that no graph can hold it.
+    """
+
+    name, title = "direct", "the direct solver"
+    bears_mass = True
+    captured = False
+
+    @property
+    def whole(self) -> bool:
+        return self.mass or self.slow == 1
+
+    def material_changed(self) -> None:
+        super().material_changed()
+        # the pattern is symmetric, and every diagonal entry a fit pivot
+        options = {"SymmetricMode": True}
+        self.factor = splu(step_matrix(self).tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
+
+    def margins(self, k: int, dt: float) -> np.ndarray:
+        q = super().margins(k, dt)
+        if self.mass:
+            return q
+        m, (nx, _) = self.model, self.model.grids[k]
+        nodes, rings = m.nodes_of(k), m.rings_of(k)
+        kx, _ = around(float(m.w10.numpy()[nodes].min()), float(m.w20.numpy()[nodes].min()), nx)
+        fast = slice(0 if self.whole else 2, None)
+        q[fast] += (kx + float(m.coupling.numpy()[rings, SYMMETRY].min()))[fast]
+        return q
+
+    def solve_lines(self, state: State) -> None:
+        n = self.model.nodes
+        right = np.concatenate([state.delta.numpy(), state.low.numpy()]).astype(float)
+        step = self.factor.solve(right).astype(np.float32)
+        state.delta.assign(step[:n])
+        state.low.assign(step[n:])

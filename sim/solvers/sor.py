@@ -1,0 +1,103 @@
+"""Successive over-relaxation (section 5), coloured so that it is a parallel scheme of local operations."""
+
+from __future__ import annotations
+
+import numpy as np
+import warp as wp
+
+from ...kernels import integrate
+from ..model import SYMMETRY, Model, State
+from .base import Solver
+from .matrix import step_matrix
+
+BLOCK = 5
+"""Fewest colours of the stencil: its nodes within two of one another, counted along x and s, are five of a kind."""
+
+
+def colors(nx: int, ns: int) -> np.ndarray:
+    """A colour of each node, shape (ns, nx), such that no two of one colour meet in the matrix, cyclic in x.
+
+    The stencil reaches two nodes along x and s and the diagonal neighbours (13 nodes). Rings are one sequence, shifted by
+    two nodes from each to the next, so that it must not repeat a colour within four nodes round the ring: blocks of five
+    or more, each 0, 1, 2, ..., as even as nx allows. That takes 5 colours where 5 divides nx, 6 from 20 on, 9 at most.
+    """
+    blocks = nx // BLOCK
+    sequence = np.concatenate([np.arange(len(b)) for b in np.array_split(np.arange(nx), blocks)])
+    return sequence[(np.arange(nx) + 2 * np.arange(ns)[:, None]) % nx]
+
+
+class SolverSOR(Solver):
+    """Sweeps of over-relaxation over P = M + dt K, from a step of 0; each node is corrected at once.
+
+    With `sweeps` many it is the direct solver's step. With one, it is the paper's scheme: forces are found anew between
+    sweeps. Bears any step of the elastic forces: of a sweep's matrix D / omega + L, twice that less K leaves
+    (1 + e) / dt + e D with e = 2 / omega - 1 for explicit forces (Householder and John's theorem).
+    """
+
+    name, title, remedy = "sor", "over-relaxation", ' or use solver.scheme = "adi"'
+    default_slow = 1.0
+    omega = 1.5
+    """Relaxation factor, in 0 to 2."""
+    sweeps = 1
+    """Sweeps a step."""
+
+    @property
+    def whole(self) -> bool:
+        return self.slow == 1
+
+    def __init__(self, model: Model, dt: float | None, slow: float | None, momentum: float):
+        size = model.nodes + 4 * model.rings
+        self.x, self.right = (wp.zeros(size, dtype=wp.vec3, device=model.device) for _ in range(2))
+        color = np.concatenate([colors(nx, ns).ravel() for nx, ns in model.grids] + [self._line_colors(model)])
+        order = np.argsort(color, kind="stable")
+        self.order = wp.array(order.astype(np.int32), dtype=int, device=model.device)
+        self.starts = np.concatenate([[0], np.cumsum(np.bincount(color))])
+        super().__init__(model, dt, slow, momentum)
+
+    @staticmethod
+    def _line_colors(model: Model) -> np.ndarray:
+        """Colours of the four lines of each tube: three that no node has, closed ends two more that no ring has."""
+        s = np.concatenate([np.arange(ns) for _, ns in model.grids])
+        most = max(int(colors(nx, 1).max()) for nx, _ in model.grids) + 1
+        return np.tile(most + s % 3, 4)
+
+    def material_changed(self) -> None:
+        super().material_changed()
+        matrix = step_matrix(self)
+        self.diagonal = matrix.diagonal()
+        device = self.model.device
+
+        def to_device(a: np.ndarray, dtype: type) -> wp.array:
+            return wp.array(a.astype(np.int32 if dtype is int else np.float32), dtype=dtype, device=device)
+
+        self.row, self.column = to_device(matrix.indptr, int), to_device(matrix.indices, int)
+        self.entry, self.inverse = to_device(matrix.data, float), to_device(1 / self.diagonal, float)
+
+    def margins(self, k: int, dt: float) -> np.ndarray:
+        q = super().margins(k, dt)
+        m, (nx, _) = self.model, self.model.grids[k]
+        w10, w20 = (float(a.numpy()[m.nodes_of(k)].min()) for a in (m.w10, m.w20))
+        own = 2 * w10 * nx**2 + 6 * w20 * nx**4 + float(m.coupling.numpy()[m.rings_of(k), SYMMETRY].min())
+        fast = slice(0 if self.whole else 2, None)
+        q[fast] += (2 / self.omega - 1) * own - (1 - 1 / self.omega) * self.inert(k, dt)
+        return q
+
+    def solve_lines(self, state: State) -> None:
+        n, low = self.model.nodes, 4 * self.model.rings
+        wp.copy(self.right, state.delta, 0, 0, n)
+        wp.copy(self.right, state.low, n, 0, low)
+        self.x.zero_()
+        for _ in range(self.sweeps):
+            for first, end in zip(self.starts[:-1], self.starts[1:], strict=True):
+                wp.launch(
+                    integrate.relax_color,
+                    int(end - first),
+                    inputs=[
+                        self.order, self.row, self.column, self.entry, self.inverse,
+                        self.right, int(first), self.omega,
+                    ],
+                    outputs=[self.x],
+                    device=self.model.device,
+                )  # fmt: skip
+        wp.copy(state.delta, self.x, 0, 0, n)
+        wp.copy(state.low, self.x, 0, n, low)
