@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import warp as wp
@@ -51,7 +52,7 @@ class Progress:
 
 
 class _Loop:
-    """The iteration, captured as a graph and launched again and again."""
+    """The iteration, captured as a graph and launched again and again; the step apart where it needs the host."""
 
     def __init__(self, scene: Assembly, careful: bool):
         s = scene.settings
@@ -60,13 +61,16 @@ class _Loop:
         self.solver: Solver = make_solver(s.scheme, scene.model, s.step, slow, momentum)
         with wp.ScopedCapture(device=scene.device, force_module_load=False) as capture:
             add_forces(scene.model, scene.state, s.contour, s.force == "paper", s.tau)
-            self.solver.step(scene.state)
+            if self.solver.captured:
+                self.solver.step(scene.state)
         assert capture.graph is not None
         self.graph = capture.graph
 
     def run(self) -> None:
         """One iteration."""
         wp.capture_launch(self.graph)
+        if not self.solver.captured:
+            self.solver.step(self.scene.state)
 
     def residual(self) -> float:
         """Residual force of place and radius, root mean square over all rings [initial spine lengths]."""
@@ -87,7 +91,7 @@ def reconstruct(
     Args:
         views: the images; one for now.
         tubes: rough axes and materials.
-        settings: of the solver.
+        settings: of the solver; the result holds them with the scheme that "auto" chose.
         device: Warp device.
         callback: called each iteration; returning True stops the run.
 
@@ -95,7 +99,7 @@ def reconstruct(
         The objects with their measures, the potentials, seconds by phase.
 
     Raises:
-        ValueError: the scheme cannot bear the step.
+        ValueError: the scheme cannot bear the step, mass, or the material.
     """
     settings = settings or Settings()
     clock, seconds = time.perf_counter(), {}
@@ -114,6 +118,7 @@ def reconstruct(
     stages = max(len(x) for x in lists)
     scene.set_material(1.0)
     loop = _Loop(scene, careful=False)
+    settings = replace(settings, scheme=loop.solver.name)
     lap("kernels")
     progress = Progress(scene, stages)
     history: list[list] = [[] for _ in tubes]

@@ -21,8 +21,10 @@ class SolverADI(Solver):
     """The paper's operator splitting: P = (1 + dt Kx)(M + dt Ks) = M + dt (M Kx + Ks) + dt^2 Kx Ks.
 
     Bears any step of elastic forces; twist w11, which is not in P, any if w11^2 <= w20 w02, and else as `bounds` finds.
-    With mass, where Kx and Ks commute, as they do for weights that are even or vary with x and s as a product, a step
-    keeps H + h^4 / (32 mu) u' Kx Ks u, the H of `Solver` and the inertia that the splitting adds to stiff modes.
+
+    With mass, P has the weights' maxima along s in Kx and round the rings in Ks, so that the two commute: a step keeps
+    H + h^2 / 8 u' (K^ - K) u + h^4 / (32 mu + 16 gamma h) u' Kx Ks u, the H of `Solver` and what those maxima, K^, and the
+    splitting add to the inertia of stiff modes. That is no less than H, so no step of elastic forces is too long.
     """
 
     name, title, remedy = "adi", "alternating directions", ' or use solver.scheme = "direct"'
@@ -61,12 +63,16 @@ class SolverADI(Solver):
             nodes, rings = m.nodes_of(k), m.rings_of(k)
             closed = bool(m.host_ring_closed[rings][0])
             grid = {key: host[key][nodes].reshape(ns, nx) for key in ("w10", "w20", "w01", "w02")}
-            # symmetry (8) acts on what a ring has beyond its slow modes, so it is taken implicitly too
-            diagonal, first, second = cyclic_bands(grid["w10"], grid["w20"], 1 / nx)
             b = coupling[rings, SYMMETRY][:, None]
             weight = self.weight[nodes].reshape(ns, nx)
-            if self.mass and closed and np.ptp(weight, axis=1).max() > 0:
-                raise ValueError('material.mu and gamma vary around a closed tube: use solver.scheme = "direct"')
+            if self.mass:
+                if np.ptp(weight) > 0:
+                    raise ValueError('material.mu and gamma vary over a tube: use solver.scheme = "direct"')
+                maxima = {key: w.max(axis=0 if key in ("w10", "w20") else 1, keepdims=True) for key, w in grid.items()}
+                grid = {key: np.broadcast_to(w, (ns, nx)) for key, w in maxima.items()}
+                b = np.broadcast_to(b.max(), b.shape)
+            # symmetry (8) acts on what a ring has beyond its slow modes, so it is taken implicitly too
+            diagonal, first, second = cyclic_bands(grid["w10"], grid["w20"], 1 / nx)
             factors = factor_cyclic(weight + dt * (diagonal + b), dt * first, dt * second)
             for key in x:
                 x[key][nodes] = factors[key].reshape(nx * ns, *factors[key].shape[2:])
