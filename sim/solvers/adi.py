@@ -103,7 +103,10 @@ class SolverADI(Solver):
         kx, lap = around(w["w10"].min(), w["w20"].min(), nx)
         share = 0.0 if self.mass else 1.0  # of K that a step of first order has to spare
         fast = slice(0 if self.mass else 2, None)
-        q[fast] += share * (kx + float(m.coupling.numpy()[rings, SYMMETRY].min()))[fast]
+        b = float(m.coupling.numpy()[rings, SYMMETRY].min())
+        q[fast] += share * (kx + b)[fast]
+        if self.mass:
+            q[0] += self.tie()[rings].min() if m.host_ring_closed[rings].any() else b
         if w["w11"].max() == 0:
             return q
         ks, stretch = self._modes(float(w["w01"].min()), float(w["w02"].min()), ns)
@@ -113,6 +116,9 @@ class SolverADI(Solver):
         split = np.full(len(q), 1 / (4 * heaviest / dt**2 + 2 * gamma / dt) if self.mass else 2 * dt / gamma)
         split[: fast.start] *= self.slow
         return (q[:, None] + share * ks + split[:, None] * kx[:, None] * ks - twist).min(axis=1)
+
+    def bears_coupling(self, k: int, dt: float) -> bool:
+        return self.bears_place(k, dt, tied=not self.mass or bool(self.model.host_ring_closed[self.model.rings_of(k)].any()))
 
     @staticmethod
     @functools.lru_cache(64)

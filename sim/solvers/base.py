@@ -6,8 +6,8 @@ import numpy as np
 import warp as wp
 
 from ...kernels import integrate
-from ..model import DEPTH, REACTION, SYMMETRY, UPRIGHT, Model, State
-from .bounds import STRETCH, compliance, longest
+from ..model import DEPTH, REACTION, SPINE_TO_RING, SYMMETRY, UPRIGHT, Model, State
+from .bounds import STRETCH, around, compliance, longest, place
 from . import bounds
 
 SAFE = 0.9
@@ -79,6 +79,8 @@ class Solver:
         def bears(dt: float) -> bool:
             for k, (nx, _) in enumerate(self.model.grids):
                 margin = self.margins(k, dt)
+                if not self.bears_coupling(k, dt):
+                    return False
                 if margin.min() <= 0 or STRETCH * self.model.image_load[k] * compliance(margin, nx) >= 1:
                     return False
             return True
@@ -147,6 +149,27 @@ class Solver:
             q[0] = self.inert(k, dt * self.slow) + self.tie()[rings].min()
             q[1] = self.inert(k, dt * self.slow) + float(self.first_mode.numpy()[rings].min())
         return q
+
+    def bears_coupling(self, k: int, dt: float) -> bool:
+        """Whether a step bears that forces on a ring's place depend on the spine's, which goes by a step of its own."""
+        return True
+
+    def bears_place(self, k: int, dt: float, tied: bool) -> bool:
+        """`bears_coupling` of a scheme that has b of all modes in P, or the ties of a ring's mean, and the spine's a."""
+        m, (nodes, rings) = self.model, (self.model.nodes_of(k), self.model.rings_of(k))
+        reaction, a, b, depth = (
+            float(m.coupling.numpy()[rings, c].max()) for c in (REACTION, SPINE_TO_RING, SYMMETRY, DEPTH)
+        )
+        w10, w20 = (float(w.numpy()[nodes].min()) for w in (m.w10, m.w20))
+        ring = around(w10, w20, self.model.grids[k][0])[0][2]
+        stiffness = place(reaction, a, b, depth, ring, STRETCH * float(m.image_load[k]))
+        implicit = np.array([reaction + b / 2 + depth if tied else b, b + ring, a])
+        steps = dt * np.array([1.0, 1.0, 1.0] if self.mass else [self.slow, 1.0, self.slow * self.spine])
+        p = 0.5 * np.array([self.inert(k, float(step)) for step in steps]) + implicit
+        if self.mass:  # A of `Solver`, times four; the undamped step shakes itself off beyond an eigenvalue of four
+            p = np.full(3, self.inert(k, dt)) + implicit
+        grown = np.linalg.eigvals(stiffness / p[:, None])
+        return bool((grown.real < 1).all() if self.mass else (np.abs(1 - grown) < 1 + 1e-9).all())
 
     def inert(self, k: int, dt: float) -> float:
         """What inertia, or without it the medium, leaves room for: 2 gamma / dt, or 4 mu / h^2 with mass."""

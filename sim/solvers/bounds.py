@@ -4,7 +4,8 @@ Without mass, v += -dt P^-1 (K + E) v shrinks in the energy of K + E, where K is
 if 2 P / dt - K - E is positive. With mass, the rule of `Solver` keeps its energy positive if A - (K + E) / 4 is. Both ask
 that a margin in each mode, known in closed form, be stiffer than E. E is the image's pull, a load on two points of each
 ring, whose stiffness in modes is a rank of two (so that it is the sum of compliances 1 / margin that counts), and what the
-scheme's margins have taken off already: twist, upright rings.
+scheme's margins have taken off already: twist, upright rings. (7) and (8), which tie places of rings and spine to one another
+without being the gradient of an energy, are looked at for themselves (`place`).
 
 Not in it, since it depends on the shape: contraction c < 0 of (9), whose stiffness is |c| over the radius.
 """
@@ -15,7 +16,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-STRETCH = 2.0
+STRETCH = 1.5
 """Most length of contour a unit of s, in lengths of the spine, that the image's load is taken for."""
 RANGE = (1e-9, 1e3)
 """Steps that are looked at: a scheme without a limit in this range has none."""
@@ -34,6 +35,22 @@ def compliance(margin: np.ndarray, nx: int) -> float:
         count[-1] = 1.0
     each = count / margin
     return 2 * float(max(each[::2].sum(), each[1::2].sum()))
+
+
+def place(reaction: float, a: float, b: float, depth: float, ring: float, image: float) -> np.ndarray:
+    """Stiffness of (7), (8), the image's load and the ring's own in three unknowns, shape (3, 3), not symmetric.
+
+    They are a ring's place, the second mode around of amplitude (cos 2 theta, sin 2 theta), which has the place's part
+    across the ring and moves the centroid as far, and the spine's node.
+
+    Args:
+        reaction, a, b, depth: strengths.
+        ring: elastic stiffness of the second mode.
+        image: of the load on two opposite points, by unit of s.
+    """
+    tie = reaction + depth
+    of_couplings = [[tie + b / 2, tie + b / 2, -reaction - b / 2], [b / 2, b / 2 + ring, -b / 2], [-a, -a, a]]
+    return np.array(of_couplings) + 2 * image * np.array([[1, 1, 0], [1, 1, 0], [0, 0, 0]])
 
 
 def longest(bears: Callable[[float], bool]) -> float:

@@ -34,14 +34,19 @@ class SolverDirect(Solver):
 
     def margins(self, k: int, dt: float) -> np.ndarray:
         q = super().margins(k, dt)
-        if self.mass:
-            return q
         m, (nx, _) = self.model, self.model.grids[k]
         nodes, rings = m.nodes_of(k), m.rings_of(k)
-        kx, _ = around(float(m.w10.numpy()[nodes].min()), float(m.w20.numpy()[nodes].min()), nx)
-        fast = slice(0 if self.whole else 2, None)
-        q[fast] += (kx + float(m.coupling.numpy()[rings, SYMMETRY].min()))[fast]
+        b = float(m.coupling.numpy()[rings, SYMMETRY].min())
+        if self.whole:
+            q[0] += b if self.mass else 2 * b
+        if not self.mass:
+            kx, _ = around(float(m.w10.numpy()[nodes].min()), float(m.w20.numpy()[nodes].min()), nx)
+            fast = slice(1 if self.whole else 2, None)
+            q[fast] += (kx + b)[fast]
         return q
+
+    def bears_coupling(self, k: int, dt: float) -> bool:
+        return self.bears_place(k, dt, tied=not self.whole)
 
     def solve_lines(self, state: State) -> None:
         n = self.model.nodes
