@@ -159,7 +159,7 @@ def best(task: Task, scheme: str, plain: bool, most: int) -> tuple[int | None, f
     """The setting of a scheme that rests soonest: iterations, seconds, residual left, setting."""
     cls, found = SCHEMES[scheme], []
     for omega in OMEGAS if scheme == "sor" else (None,):
-        for step in (None,) if scheme == "euler" else STEPS:
+        for step in (None,) if scheme == "euler" else (None, *STEPS):
             made = type(scheme, (cls,), {} if omega is None else {"omega": omega})
             try:
                 solver = made(task.model, step, 1.0 if plain else None, 0.0 if plain else 0.9)

@@ -154,8 +154,16 @@ class Solver:
         """Whether a step bears that forces on a ring's place depend on the spine's, which goes by a step of its own."""
         return True
 
-    def bears_place(self, k: int, dt: float, tied: bool) -> bool:
-        """`bears_coupling` of a scheme that has b of all modes in P, or the ties of a ring's mean, and the spine's a."""
+    def bears_place(self, k: int, dt: float, tied: bool = True, share: float = 1.0, over: float = 1.0) -> bool:
+        """`bears_coupling` of a scheme whose P knows the spine's a and the ties of a ring's mean, or b of all modes.
+
+        Args:
+            k: which tube.
+            dt: step.
+            tied: whether the ring's mean has its ties in P, not b.
+            share: of the stiffness of other modes in P.
+            over: what P of other modes is divided by.
+        """
         m, (nodes, rings) = self.model, (self.model.nodes_of(k), self.model.rings_of(k))
         reaction, a, b, depth = (
             float(m.coupling.numpy()[rings, c].max()) for c in (REACTION, SPINE_TO_RING, SYMMETRY, DEPTH)
@@ -163,13 +171,12 @@ class Solver:
         w10, w20 = (float(w.numpy()[nodes].min()) for w in (m.w10, m.w20))
         ring = around(w10, w20, self.model.grids[k][0])[0][2]
         stiffness = place(reaction, a, b, depth, ring, STRETCH * float(m.image_load[k]))
-        implicit = np.array([reaction + b / 2 + depth if tied else b, b + ring, a])
-        steps = dt * np.array([1.0, 1.0, 1.0] if self.mass else [self.slow, 1.0, self.slow * self.spine])
-        p = 0.5 * np.array([self.inert(k, float(step)) for step in steps]) + implicit
-        if self.mass:  # A of `Solver`, times four; the undamped step shakes itself off beyond an eigenvalue of four
-            p = np.full(3, self.inert(k, dt)) + implicit
-        grown = np.linalg.eigvals(stiffness / p[:, None])
-        return bool((grown.real < 1).all() if self.mass else (np.abs(1 - grown) < 1 + 1e-9).all())
+        implicit = np.array([reaction + b / 2 + depth if tied else b, share * (b + ring), a])
+        if self.mass:  # the rule is stable up to K = 4 A
+            return bool((np.linalg.eigvals(stiffness / (self.inert(k, dt) + implicit)[:, None]).real < 1).all())
+        steps = dt * np.array([self.slow, 1.0, self.slow * self.spine])
+        p = (np.array([0.5 * self.inert(k, float(step)) for step in steps]) + implicit) / [1.0, over, 1.0]
+        return bool((np.abs(1 - np.linalg.eigvals(stiffness / p[:, None])) < 1 + 1e-9).all())
 
     def inert(self, k: int, dt: float) -> float:
         """What inertia, or without it the medium, leaves room for: 2 gamma / dt, or 4 mu / h^2 with mass."""

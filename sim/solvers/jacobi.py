@@ -30,6 +30,9 @@ class SolverJacobi(Solver):
         self.inverse.assign(inverse.astype(np.float32))
         self.low_inverse.assign(low.reshape(-1).astype(np.float32))
 
+    def bears_coupling(self, k: int, dt: float) -> bool:
+        return self.bears_place(k, dt, share=0.5)
+
     def stiffness(self) -> tuple[np.ndarray, np.ndarray]:
         """Bound of each node's and each slow line's stiffness: twice its diagonal, the sum of a row of |K|."""
         m = self.model
@@ -53,7 +56,7 @@ class SolverJacobi(Solver):
                 open_bands(host["w1"][rings][None] + k1[k], host["w2"][rings][None], 1 / (ns - 1)),
                 cyclic=False,
             )[0]
-            low[3, rings] = spine / end_mass(ns) + coupling[rings, SPINE_TO_RING]
+            low[3, rings] = spine / end_mass(ns) + 2 * coupling[rings, SPINE_TO_RING]
         return node, low
 
     def masses(self) -> tuple[np.ndarray, np.ndarray]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import warp as wp
 
@@ -35,9 +37,8 @@ class SolverSOR(Solver):
     """
 
     name, title, remedy = "sor", "over-relaxation", ' or use solver.scheme = "adi"'
-    default_slow = 1.0
     omega = 1.5
-    """Relaxation factor, in 0 to 2."""
+    """Relaxation factor, in 0 to 2; lines of slow modes, where they are apart, have 1."""
     sweeps = 1
     """Sweeps a step."""
 
@@ -48,18 +49,15 @@ class SolverSOR(Solver):
     def __init__(self, model: Model, dt: float | None, slow: float | None, momentum: float):
         size = model.nodes + 4 * model.rings
         self.x, self.right = (wp.zeros(size, dtype=wp.vec3, device=model.device) for _ in range(2))
-        color = np.concatenate([colors(nx, ns).ravel() for nx, ns in model.grids] + [self._line_colors(model)])
+        nodes = [colors(nx, ns).ravel() for nx, ns in model.grids]
+        self.node_colors = int(max(c.max() for c in nodes)) + 1
+        # four lines of each tube, closed ends among them, have three colours that no node has
+        s = np.concatenate([np.arange(ns) for _, ns in model.grids])
+        color = np.concatenate([*nodes, np.tile(self.node_colors + s % 3, 4)])
         order = np.argsort(color, kind="stable")
         self.order = wp.array(order.astype(np.int32), dtype=int, device=model.device)
         self.starts = np.concatenate([[0], np.cumsum(np.bincount(color))])
         super().__init__(model, dt, slow, momentum)
-
-    @staticmethod
-    def _line_colors(model: Model) -> np.ndarray:
-        """Colours of the four lines of each tube: three that no node has, closed ends two more that no ring has."""
-        s = np.concatenate([np.arange(ns) for _, ns in model.grids])
-        most = max(int(colors(nx, 1).max()) for nx, _ in model.grids) + 1
-        return np.tile(most + s % 3, 4)
 
     def material_changed(self) -> None:
         super().material_changed()
@@ -82,19 +80,22 @@ class SolverSOR(Solver):
         q[fast] += (2 / self.omega - 1) * own - (1 - 1 / self.omega) * self.inert(k, dt)
         return q
 
+    def bears_coupling(self, k: int, dt: float) -> bool:
+        return self.whole or self.bears_place(k, dt, over=self.omega)
+
     def solve_lines(self, state: State) -> None:
         n, low = self.model.nodes, 4 * self.model.rings
         wp.copy(self.right, state.delta, 0, 0, n)
         wp.copy(self.right, state.low, n, 0, low)
         self.x.zero_()
         for _ in range(self.sweeps):
-            for first, end in zip(self.starts[:-1], self.starts[1:], strict=True):
+            for c, (first, end) in enumerate(pairwise(self.starts)):
                 wp.launch(
                     integrate.relax_color,
                     int(end - first),
                     inputs=[
                         self.order, self.row, self.column, self.entry, self.inverse,
-                        self.right, int(first), self.omega,
+                        self.right, int(first), self.omega if self.whole or c < self.node_colors else 1.0,
                     ],
                     outputs=[self.x],
                     device=self.model.device,
