@@ -308,7 +308,7 @@ def advance_mass(
     velocity_out: wp.array[wp.vec3],
     spine_velocity_out: wp.array[wp.vec3],
 ):
-    """Adds the change of the step, D' - D, to the velocity D / h of tube and spine, and moves them by D' ((10) with mass)."""
+    """Adds the change of the step, D' - D, to the velocity D / h of tube and spine; moves them by D' ((10) with mass)."""
     i = wp.tid()
     r = node_ring[i]
     u = velocity_out[i] + (delta_in[i] + low_in[r]) / h

@@ -67,5 +67,6 @@ class Settings:
     slow: float | None = None
     """factor of the step for a ring's slow modes (acceleration); 1 is the plain scheme, None the scheme's own."""
     momentum: float = 0.9
-    """most share of a step that the next one repeats (acceleration of soft modes); 0 is the plain scheme. Like `slow`, it has
-    no part in motion with mass."""
+    """most share of a step that the next one repeats (acceleration of soft modes); 0 is the plain scheme.
+
+    Like `slow`, it has no part in motion with mass."""

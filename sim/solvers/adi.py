@@ -10,7 +10,7 @@ import warp as wp
 from ...kernels import integrate
 from ..model import SPINE_TO_RING, SYMMETRY, Model, State
 from .base import Solver, end_mass
-from .bounds import along, around
+from .bounds import along
 from .factor import cyclic_bands, factor_cyclic, factor_open, open_bands
 
 HELD = 1e6
@@ -96,29 +96,26 @@ class SolverADI(Solver):
             array.assign(value.astype(np.float32))
 
     def margins(self, k: int, dt: float) -> np.ndarray:
-        q = super().margins(k, dt)
-        m, (nx, ns) = self.model, self.model.grids[k]
-        nodes, rings = m.nodes_of(k), m.rings_of(k)
-        w = {key: getattr(m, key).numpy()[nodes].astype(float) for key in ("w10", "w20", "w11", "w01", "w02")}
-        kx, lap = around(w["w10"].min(), w["w20"].min(), nx)
+        q, facts = super().margins(k, dt), self.facts[k]
         share = 0.0 if self.mass else 1.0  # of K that a step of first order has to spare
         fast = slice(0 if self.mass else 2, None)
-        b = float(m.coupling.numpy()[rings, SYMMETRY].min())
-        q[fast] += share * (kx + b)[fast]
+        q[fast] += share * (facts.ring + facts.b)[fast]
         if self.mass:
-            q[0] += self.tie()[rings].min() if m.host_ring_closed[rings].any() else b
-        if w["w11"].max() == 0:
+            q[0] += facts.tie[0] if facts.closed else facts.b
+        m, nodes = self.model, self.model.nodes_of(k)
+        w11 = float(m.w11.numpy()[nodes].max())
+        if w11 == 0:
             return q
-        ks, stretch = self._modes(float(w["w01"].min()), float(w["w02"].min()), ns)
-        twist = 2 * w["w11"].max() * lap[:, None] * stretch
+        w01, w02, mu, gamma = (a.numpy()[nodes] for a in (m.w01, m.w02, m.mu, m.gamma))
+        ks, stretch = self._modes(float(w01.min()), float(w02.min()), m.grids[k][1])
         # what the splitting adds: 2 dt Kx Ks, with mass Kx Ks / (4 mu / h^2 + 2 gamma / h)
-        heaviest, gamma = (float(a.numpy()[nodes].max()) for a in (m.mu, m.gamma))
-        split = np.full(len(q), 1 / (4 * heaviest / dt**2 + 2 * gamma / dt) if self.mass else 2 * dt / gamma)
+        split = np.full(len(q), 1 / (4 * mu.max() / dt**2 + 2 * gamma.max() / dt) if self.mass else 2 * dt / gamma.max())
         split[: fast.start] *= self.slow
-        return (q[:, None] + share * ks + split[:, None] * kx[:, None] * ks - twist).min(axis=1)
+        left = q[:, None] + share * ks + split[:, None] * facts.ring[:, None] * ks - 2 * w11 * facts.lap[:, None] * stretch
+        return left.min(axis=1)
 
     def bears_coupling(self, k: int, dt: float) -> bool:
-        return self.bears_place(k, dt, tied=not self.mass or bool(self.model.host_ring_closed[self.model.rings_of(k)].any()))
+        return self.bears_place(k, dt, tied=not self.mass or self.facts[k].closed)
 
     @staticmethod
     @functools.lru_cache(64)

@@ -2,16 +2,41 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import warp as wp
 
 from ...kernels import integrate
 from ..model import DEPTH, REACTION, SPINE_TO_RING, SYMMETRY, UPRIGHT, Model, State
 from .bounds import STRETCH, around, compliance, longest, place
-from . import bounds
 
+COUPLINGS = {"reaction": REACTION, "a": SPINE_TO_RING, "b": SYMMETRY, "depth": DEPTH}
 SAFE = 0.9
 """Share of the longest step that is taken where the scheme's own is longer."""
+
+
+@dataclass(frozen=True)
+class Facts:
+    """What a tube's longest step depends on: least stiffness of what is in P, most of what is not."""
+
+    inertia: float
+    """mu, or without mass gamma, at least."""
+    ring: np.ndarray
+    """elastic stiffness of modes around, shape (nx // 2 + 1,)."""
+    lap: np.ndarray
+    """eigenvalues of their Laplacian."""
+    a: float
+    b: float
+    reaction: float
+    depth: float
+    upright: float
+    tie: tuple[float, float]
+    """of a ring's mean, least and most."""
+    first_mode: float
+    closed: bool
+    place: np.ndarray
+    """see `bounds.place`."""
 
 
 class Solver:
@@ -59,33 +84,59 @@ class Solver:
             ValueError: the scheme cannot bear the step that was asked for, mass, or the material.
         """
         self.stiffness_of_first_mode()
+        least = {name: float(getattr(self.model, name).numpy().min()) for name in ("mu", "spine_mu", "gamma", "spine_gamma")}
         self.mass = bool(self.model.mu.numpy().max() > 0)
         if self.mass and not self.bears_mass:
-            raise ValueError(f'solver.scheme = "{self.name}" does not integrate material.mu > 0: use "adi", "direct" or "euler"')
-        self.dt = self.asked or self.default_dt
-        longest = self.longest_step()
-        if self.asked is None:
-            self.dt = min(self.dt, SAFE * longest)
-        elif self.asked > longest:
             raise ValueError(
-                f"solver.step = {self.asked:g} is too long for {self.title} with this material and grid: at most"
-                f" {longest:.3g}; lower it, leave it out{self.remedy}"
+                f'solver.scheme = "{self.name}" does not integrate material.mu > 0: use "adi", "direct" or "euler"'
             )
+        if min(least["mu"], least["spine_mu"]) <= 0 and (self.mass or min(least["gamma"], least["spine_gamma"]) <= 0):
+            raise ValueError("material.mu must be above 0 everywhere or nowhere, and material.gamma above 0 where mu is not")
+        self.coupling = self.model.coupling.numpy().astype(float)
+        self.facts = [self._facts(k) for k in range(self.model.tubes)]
+        self.dt = self.asked or self.default_dt
+        if not self.bears(self.dt):
+            longest = self.longest_step()
+            if self.asked is not None:
+                raise ValueError(
+                    f"solver.step = {self.asked:g} is too long for {self.title} with this material and grid: at most"
+                    f" {longest:.3g}; lower it, leave it out{self.remedy}"
+                )
+            self.dt = SAFE * longest
         self.set_step()
 
     def longest_step(self) -> float:
-        """The longest dt that the scheme bears with the model's material as it is, inf where there is none (`bounds`)."""
+        """The longest dt up to which the scheme bears all, with the model's material as it is; inf where there is none."""
+        return longest(self.bears)
 
-        def bears(dt: float) -> bool:
-            for k, (nx, _) in enumerate(self.model.grids):
-                margin = self.margins(k, dt)
-                if not self.bears_coupling(k, dt):
-                    return False
-                if margin.min() <= 0 or STRETCH * self.model.image_load[k] * compliance(margin, nx) >= 1:
-                    return False
-            return True
+    def bears(self, dt: float) -> bool:
+        """Whether the scheme bears a step with the model's material as it is (`bounds`)."""
+        for k, (nx, _) in enumerate(self.model.grids):
+            margin = self.margins(k, dt)
+            if margin.min() <= 0 or STRETCH * self.model.image_load[k] * compliance(margin, nx) >= 1:
+                return False
+            if not self.bears_coupling(k, dt):
+                return False
+        return True
 
-        return longest(bears)
+    def _facts(self, k: int) -> Facts:
+        m, (nodes, rings) = self.model, (self.model.nodes_of(k), self.model.rings_of(k))
+        nx, columns = m.grids[k][0], self.coupling[rings]
+        w10, w20 = (float(w.numpy()[nodes].min()) for w in (m.w10, m.w20))
+        ring, lap = around(w10, w20, nx)
+        couplings = {name: float(columns[:, c].max()) for name, c in COUPLINGS.items()}
+        tie = self.tie()[rings]
+        return Facts(
+            inertia=float((m.mu if self.mass else m.gamma).numpy()[nodes].min()),
+            ring=ring,
+            lap=lap,
+            upright=float(columns[:, UPRIGHT].max()),
+            tie=(float(tie.min()), float(tie.max())),
+            first_mode=float(self.first_mode.numpy()[rings].min()),
+            closed=bool(m.host_ring_closed[rings].any()),
+            place=place(**couplings, ring=float(ring[2]), image=STRETCH * float(m.image_load[k])),
+            **couplings,
+        )
 
     def set_step(self) -> None:
         """Steps of nodes, of slow modes and of the spine (which has next to no inertia: it follows its rings), for P.
@@ -97,12 +148,10 @@ class Solver:
         slow, spine = (1.0, 1.0) if self.mass else (self.slow, self.spine)
         self.slow_dt, self.spine_dt = self.dt * slow, spine * self.dt * slow
         self.steps = np.tile(np.array([self.dt, self.slow_dt, self.spine_dt]), (m.tubes, 1))
-        inertia, spine_inertia = (
-            mu.numpy().astype(float) + 0.5 * self.dt * gamma.numpy().astype(float) if self.mass else gamma.numpy().astype(float)
-            for mu, gamma in ((m.mu, m.gamma), (m.spine_mu, m.spine_gamma))
-        )
-        if not (inertia.min() > 0 and spine_inertia.min() > 0) or (self.mass and not m.mu.numpy().min() > 0):
-            raise ValueError("material.mu must be above 0 everywhere or nowhere, and material.gamma above 0 where mu is not")
+        inertia, spine_inertia = (gamma.numpy().astype(float) for gamma in (m.gamma, m.spine_gamma))
+        if self.mass:
+            inertia = m.mu.numpy() + 0.5 * self.dt * inertia
+            spine_inertia = m.spine_mu.numpy() + 0.5 * self.dt * spine_inertia
         self.weight, self.low_weight = np.ones(m.nodes), np.ones((4, m.rings))
         for k, (nx, ns) in enumerate(m.grids):
             nodes, rings = m.nodes_of(k), m.rings_of(k)
@@ -141,13 +190,13 @@ class Solver:
 
         Here for a P of which only inertia is known, and the ties of slow modes.
         """
-        nx, rings, d = self.model.grids[k][0], self.model.rings_of(k), self.upright(k)
-        q = np.full(nx // 2 + 1, self.inert(k, dt) - d)
+        facts = self.facts[k]
+        q = np.full(len(facts.lap), self.inert(k, dt) - facts.upright)
         if self.whole:
-            q[0] -= self.tie()[rings].max()
+            q[0] -= facts.tie[1]
         else:
-            q[0] = self.inert(k, dt * self.slow) + self.tie()[rings].min()
-            q[1] = self.inert(k, dt * self.slow) + float(self.first_mode.numpy()[rings].min())
+            q[0] = self.inert(k, dt * self.slow) + facts.tie[0]
+            q[1] = self.inert(k, dt * self.slow) + facts.first_mode
         return q
 
     def bears_coupling(self, k: int, dt: float) -> bool:
@@ -164,28 +213,17 @@ class Solver:
             share: of the stiffness of other modes in P.
             over: what P of other modes is divided by.
         """
-        m, (nodes, rings) = self.model, (self.model.nodes_of(k), self.model.rings_of(k))
-        reaction, a, b, depth = (
-            float(m.coupling.numpy()[rings, c].max()) for c in (REACTION, SPINE_TO_RING, SYMMETRY, DEPTH)
-        )
-        w10, w20 = (float(w.numpy()[nodes].min()) for w in (m.w10, m.w20))
-        ring = around(w10, w20, self.model.grids[k][0])[0][2]
-        stiffness = place(reaction, a, b, depth, ring, STRETCH * float(m.image_load[k]))
-        implicit = np.array([reaction + b / 2 + depth if tied else b, share * (b + ring), a])
+        f = self.facts[k]
+        implicit = np.array([f.reaction + f.b / 2 + f.depth if tied else f.b, share * (f.b + f.ring[2]), f.a])
         if self.mass:  # the rule is stable up to K = 4 A
-            return bool((np.linalg.eigvals(stiffness / (self.inert(k, dt) + implicit)[:, None]).real < 1).all())
+            return bool((np.linalg.eigvals(f.place / (self.inert(k, dt) + implicit)[:, None]).real < 1).all())
         steps = dt * np.array([self.slow, 1.0, self.slow * self.spine])
         p = (np.array([0.5 * self.inert(k, float(step)) for step in steps]) + implicit) / [1.0, over, 1.0]
-        return bool((np.abs(1 - np.linalg.eigvals(stiffness / p[:, None])) < 1 + 1e-9).all())
+        return bool((np.abs(1 - np.linalg.eigvals(f.place / p[:, None])) < 1 + 1e-9).all())
 
     def inert(self, k: int, dt: float) -> float:
         """What inertia, or without it the medium, leaves room for: 2 gamma / dt, or 4 mu / h^2 with mass."""
-        least = float((self.model.mu if self.mass else self.model.gamma).numpy()[self.model.nodes_of(k)].min())
-        return 4 * least / dt**2 if self.mass else 2 * least / dt
-
-    def upright(self, k: int) -> float:
-        """Stiffness of what holds rings upright, which is explicit."""
-        return float(self.model.coupling.numpy()[self.model.rings_of(k), UPRIGHT].max())
+        return 4 * self.facts[k].inertia / dt**2 if self.mass else 2 * self.facts[k].inertia / dt
 
     def solve_lines(self, state: State) -> None:
         """Turns dt R in `state.delta` and `state.low` into the step, in place."""

@@ -4,8 +4,8 @@ Without mass, v += -dt P^-1 (K + E) v shrinks in the energy of K + E, where K is
 if 2 P / dt - K - E is positive. With mass, the rule of `Solver` keeps its energy positive if A - (K + E) / 4 is. Both ask
 that a margin in each mode, known in closed form, be stiffer than E. E is the image's pull, a load on two points of each
 ring, whose stiffness in modes is a rank of two (so that it is the sum of compliances 1 / margin that counts), and what the
-scheme's margins have taken off already: twist, upright rings. (7) and (8), which tie places of rings and spine to one another
-without being the gradient of an energy, are looked at for themselves (`place`).
+scheme's margins have taken off already: twist, upright rings. (7) and (8), which tie places of rings and spine to one
+another without being the gradient of an energy, are looked at for themselves (`place`).
 
 Not in it, since it depends on the shape: contraction c < 0 of (9), whose stiffness is |c| over the radius.
 """

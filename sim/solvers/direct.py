@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse.linalg import splu
 
-from ..model import SYMMETRY, State
+from ..model import State
 from .base import Solver
-from .bounds import around
 from .matrix import step_matrix
 
 
@@ -33,16 +32,12 @@ class SolverDirect(Solver):
         self.factor = splu(step_matrix(self).tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
 
     def margins(self, k: int, dt: float) -> np.ndarray:
-        q = super().margins(k, dt)
-        m, (nx, _) = self.model, self.model.grids[k]
-        nodes, rings = m.nodes_of(k), m.rings_of(k)
-        b = float(m.coupling.numpy()[rings, SYMMETRY].min())
+        q, facts = super().margins(k, dt), self.facts[k]
         if self.whole:
-            q[0] += b if self.mass else 2 * b
+            q[0] += facts.b if self.mass else 2 * facts.b
         if not self.mass:
-            kx, _ = around(float(m.w10.numpy()[nodes].min()), float(m.w20.numpy()[nodes].min()), nx)
             fast = slice(1 if self.whole else 2, None)
-            q[fast] += (kx + b)[fast]
+            q[fast] += (facts.ring + facts.b)[fast]
         return q
 
     def bears_coupling(self, k: int, dt: float) -> bool:

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..model import Model
 from .bounds import STRETCH
 from .jacobi import SolverJacobi
 
 
 class SolverEuler(SolverJacobi):
-    """Bears steps up to 2 over the largest stiffness, of which the sum of a row is a bound; leapfrog with mass, up to
-    2 sqrt(mu / stiffness). Takes `base.SAFE` of that by default; a longer one is an error.
-    """  # fmt: skip
+    """Bears steps up to 2 over the largest stiffness, of which the sum of a row is a bound.
+
+    With mass it is leapfrog, up to 2 sqrt(mu / stiffness). Takes `base.SAFE` of that by default; a longer one is an error.
+    """
 
     name, title = "euler", "explicit Euler"
     default_dt = np.inf
@@ -28,7 +28,7 @@ class SolverEuler(SolverJacobi):
         least = np.inf
         for k, (nx, _) in enumerate(m.grids):
             nodes, rings = m.nodes_of(k), m.rings_of(k)
-            explicit = STRETCH * m.image_load[k] * nx + self.upright(k)
+            explicit = STRETCH * m.image_load[k] * nx + self.facts[k].upright
             stiffest = max(float(node[nodes].max()), float(low[:, rings].max())) + explicit
             if self.mass:
                 mu = min(float(a.numpy().min()) for a in (m.mu, m.spine_mu))
@@ -37,6 +37,9 @@ class SolverEuler(SolverJacobi):
                 gamma = min(float(m.gamma.numpy()[nodes].min()), float(m.spine_gamma.numpy()[rings].min()))
                 least = min(least, 2 * gamma / max(stiffest, 1.0))
         return least
+
+    def bears(self, dt: float) -> bool:
+        return dt <= self.longest_step()
 
     def diagonals(self) -> tuple[np.ndarray, np.ndarray]:
         """As for Jacobi, without any stiffness."""

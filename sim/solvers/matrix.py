@@ -32,7 +32,8 @@ def step_matrix(solver: Solver) -> sparse.csr_array:
         mass = end_mass(ns)[:, None]
         at = np.arange(ns * nx).reshape(ns, nx)
         bands = [band * mass * ~closed[:, None] for band in cyclic_bands(w["w10"], w["w20"], 1 / nx)]
-        entries = [(at, at, mass * (solver.weight[nodes].reshape(ns, nx) + dt * coupling[rings, SYMMETRY, None] * ~closed[:, None]))]
+        b = coupling[rings, SYMMETRY, None] * ~closed[:, None]
+        entries = [(at, at, mass * (solver.weight[nodes].reshape(ns, nx) + dt * b))]
         entries += [(at, at, dt * bands[0]), *_pairs(at, np.roll(at, -1, 1), dt * bands[1])]
         entries += _pairs(at, np.roll(at, -2, 1), dt * bands[2])
         bands = [band.T for band in open_bands(w["w01"].T, w["w02"].T, 1 / (ns - 1))]

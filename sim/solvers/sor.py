@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 
 from ...kernels import integrate
-from ..model import SYMMETRY, Model, State
+from ..model import Model, State
 from .base import Solver
 from .matrix import step_matrix
 
@@ -75,7 +75,7 @@ class SolverSOR(Solver):
         q = super().margins(k, dt)
         m, (nx, _) = self.model, self.model.grids[k]
         w10, w20 = (float(a.numpy()[m.nodes_of(k)].min()) for a in (m.w10, m.w20))
-        own = 2 * w10 * nx**2 + 6 * w20 * nx**4 + float(m.coupling.numpy()[m.rings_of(k), SYMMETRY].min())
+        own = 2 * w10 * nx**2 + 6 * w20 * nx**4 + self.facts[k].b
         fast = slice(0 if self.whole else 2, None)
         q[fast] += (2 / self.omega - 1) * own - (1 - 1 / self.omega) * self.inert(k, dt)
         return q
