@@ -71,8 +71,9 @@ class SolverJacobi(Solver):
         m = self.model
         mass, low_mass = self.masses()
         # half the sum of a row of |K| keeps Jacobi's sweep stable for fourth differences, where the diagonal alone is not
-        dt = self.steps[m.host_ring_tube[m.node_ring.numpy()]], self.steps[m.host_ring_tube][:, [1, 1, 1, 2]].T
-        return 1 / (mass * (self.weight + 0.5 * dt[0][:, 0] * node)), 1 / (low_mass * (self.low_weight + 0.5 * dt[1] * low))
+        by_ring = self.steps[m.host_ring_tube]
+        dt, low_dt = by_ring[m.node_ring.numpy().astype(int), 0], by_ring[:, [1, 1, 1, 2]].T
+        return 1 / (mass * (self.weight + 0.5 * dt * node)), 1 / (low_mass * (self.low_weight + 0.5 * low_dt * low))
 
     def solve_lines(self, state: State) -> None:
         for inverse, target in ((self.inverse, state.delta), (self.low_inverse, state.low)):
