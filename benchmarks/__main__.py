@@ -1,4 +1,4 @@
-"""`python -m benchmarks [--quick] [--out DIR]`: accuracy beside the peers, what each change is worth, timings."""
+"""`python -m benchmarks [--quick] [--out DIR]`: accuracy, ablation, dependence on grid and size, timings."""
 
 from __future__ import annotations
 
@@ -9,13 +9,20 @@ from pathlib import Path
 
 from symseek.device import start_quietly
 
-from . import ablation, accuracy, speed
+from . import ablation, accuracy, invariance, lines, photographs, speed
 
-TABLES = {"accuracy": accuracy.main, "ablation": ablation.main, "speed": speed.main}
+TABLES = {
+    "accuracy": accuracy.main,
+    "ablation": ablation.main,
+    "invariance": invariance.main,
+    "photographs": photographs.main,
+    "speed": speed.main,
+    "lines": lines.main,
+}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(prog="benchmarks", description="Accuracy, ablation and speed, in that order.")
+    parser = argparse.ArgumentParser(prog="benchmarks", description="All tables, one after another.")
     parser.add_argument("--quick", action="store_true", help="fewer shapes and runs")
     parser.add_argument("--out", type=Path, help="folder for the tables as Markdown, a file each")
     chosen = parser.parse_args(arguments)

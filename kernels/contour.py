@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from . import image, projection
+from . import elastic, image, projection
 
 AT_NODES = wp.constant(25.0)
 """Gain of a force density at nodes over that of a line load: makes (12) as strong as `sim.assembly.LINE_LOAD` at 25 x 25."""
@@ -30,7 +30,7 @@ def surface_normal(
         if s == 0:
             return wp.normalize(v[start] - centroid[ring + 1])
         return wp.normalize(v[start] - centroid[ring - 1])
-    dx = v[start + (x + 1) % n] - v[start + (x + n - 1) % n]
+    dx = v[start + elastic.wrap(x + 1, n)] - v[start + elastic.wrap(x - 1, n)]
     lo = start + x
     hi = start + x
     if s > 0:
@@ -117,7 +117,8 @@ def crossing(
 @wp.func
 def along_ring(v: wp.array[wp.vec3], normal: wp.array[wp.vec3], facing: wp.array[float], start: int, x: int, n: int):
     """Crossing on the edge of a ring from x to x + 1."""
-    return crossing(v, normal, facing, start + (x + n - 1) % n, start + x, start + (x + 1) % n, start + (x + 2) % n)
+    before, after = start + elastic.wrap(x - 1, n), start + elastic.wrap(x + 2, n)
+    return crossing(v, normal, facing, before, start + x, start + elastic.wrap(x + 1, n), after)
 
 
 @wp.func
@@ -225,7 +226,7 @@ def contour_force(
         return
     start = ring_node[r]
     x = i - start
-    i10 = start + (x + 1) % n
+    i10 = start + elastic.wrap(x + 1, n)
     g00 = facing_in[i] >= 0.0
     g10 = facing_in[i10] >= 0.0
     g01 = facing_in[i + n] >= 0.0

@@ -57,18 +57,18 @@ def centre_pole(pole: wp.vec3, neighbour: wp.vec3, gap: float):
 
 
 @wp.func
-def upright_spine(d: float, far: wp.array[float], tilt: wp.array[wp.vec3], r: int, s: int, last: int):
+def upright_spine(d: float, far: wp.array2d[float], tilt: wp.array[wp.vec3], r: int, s: int, last: int):
     """What `upright` does to spine node s: the other half of the gradient of d/2 mean ((T - c).t)^2."""
     f = wp.vec3(0.0)
     for j in range(WINDOW):
         if s - j - 1 >= 0:
-            f -= wp.pow(far[r - j - 1], float(j)) * tilt[r - j - 1]
+            f -= far[r - j - 1, j] * tilt[r - j - 1]
         if s + j < last + 1 and s > 0:
-            f -= wp.pow(far[r + j], float(j)) * tilt[r + j]
+            f -= far[r + j, j] * tilt[r + j]
         if s - j >= 0 and s < last:
-            f += wp.pow(far[r - j], float(j)) * tilt[r - j]
+            f += far[r - j, j] * tilt[r - j]
         if s + j + 1 <= last:
-            f += wp.pow(far[r + j + 1], float(j)) * tilt[r + j + 1]
+            f += far[r + j + 1, j] * tilt[r + j + 1]
     return d * f
 
 
@@ -89,7 +89,7 @@ def ring_means(
     ring_s: wp.array[int],
     tube_nx: wp.array[int],
     tube_ns: wp.array[int],
-    ring_far: wp.array[float],
+    ring_far: wp.array2d[float],
     # state in
     tube_in: wp.array[wp.vec3],
     spine_in: wp.array[wp.vec3],
@@ -102,15 +102,14 @@ def ring_means(
 ):
     """Sets centroid and mean radius of each ring (below fig. 7), mean distance to the next ring, spine tangent, tilt.
 
-    The tangent looks `WINDOW` segments either way, each `ring_far` times as important as the one before: far ones count
-    where near ones vanish, as they do under a flat end.
+    The tangent looks `WINDOW` segments either way, the j-th with importance `ring_far[., j]`: far ones count where near
+    ones vanish, as they do under a flat end.
     """
     r = wp.tid()
     k = ring_tube[r]
     n = tube_nx[k]
     s = ring_s[r]
     last = tube_ns[k] - 1
-    far = ring_far[r]
     start = ring_node[r]
     centre = spine_in[r]
     around = float(0.0)
@@ -121,7 +120,7 @@ def ring_means(
     before = tube_in[start + n - 1]
     here = tube_in[start]
     for x in range(n):
-        after = tube_in[start + (x + 1) % n]
+        after = tube_in[start + elastic.wrap(x + 1, n)]
         w = 0.5 * (wp.length(here - before) + wp.length(after - here)) + SMALL
         around += w
         moment += w * (here - centre)
@@ -135,13 +134,11 @@ def ring_means(
     radius_out[r] = reach / around
     gap_out[r] = gap / float(n)
     along = wp.vec3(0.0)
-    weight = float(1.0)
     for j in range(WINDOW):
         if s + j < last:
-            along += weight * (spine_in[r + j + 1] - spine_in[r + j])
+            along += ring_far[r, j] * (spine_in[r + j + 1] - spine_in[r + j])
         if s - j > 0:
-            along += weight * (spine_in[r - j] - spine_in[r - j - 1])
-        weight *= far
+            along += ring_far[r, j] * (spine_in[r - j] - spine_in[r - j - 1])
     t = unit(along)
     tilt = wp.vec3(0.0)
     for x in range(n):
@@ -229,7 +226,7 @@ def spine_force(
     ring_tube: wp.array[int],
     ring_s: wp.array[int],
     tube_ns: wp.array[int],
-    ring_far: wp.array[float],
+    ring_far: wp.array2d[float],
     w1: wp.array[float],
     w2: wp.array[float],
     coupling: wp.array2d[float],

@@ -13,6 +13,16 @@ def bend(p: wp.vec3, q: wp.vec3, r: wp.vec3):
 
 
 @wp.func
+def wrap(x: int, n: int):
+    """x modulo n for x from -n to 2 n - 1, without a division."""
+    if x < 0:
+        return x + n
+    if x >= n:
+        return x - n
+    return x
+
+
+@wp.func
 def line_force(
     v: wp.array[wp.vec3],
     tension: wp.array[float],
@@ -55,10 +65,10 @@ def ring_force(
     h: float,
 ):
     """Minus the x part of (5) at node `x` of a periodic line (6) of `n` nodes that begins at `start`."""
-    x1 = start + (x + n - 1) % n
-    x2 = start + (x + n - 2) % n
-    y1 = start + (x + 1) % n
-    y2 = start + (x + 2) % n
+    x1 = start + wrap(x - 1, n)
+    x2 = start + wrap(x - 2, n)
+    y1 = start + wrap(x + 1, n)
+    y2 = start + wrap(x + 2, n)
     at = start + x
     t1 = 1.0 / (h * h)
     t2 = t1 * t1
@@ -72,7 +82,9 @@ def ring_force(
 @wp.func
 def cell_twist(v: wp.array[wp.vec3], weight: wp.array[float], start: int, x: int, n: int):
     """Mixed difference w11 (v11 - v10 - v01 + v00) of the cell whose first corner is node x of the ring at start."""
-    y = (x + 1) % n
+    if weight[start + x] == 0.0:
+        return wp.vec3(0.0)
+    y = wrap(x + 1, n)
     return weight[start + x] * (v[start + n + y] - v[start + n + x] - v[start + y] + v[start + x])
 
 
@@ -89,7 +101,7 @@ def twist_force(
     hs: float,
 ):
     """Minus the mixed part of (5), from the four cells round a node."""
-    w = (x + n - 1) % n
+    w = wrap(x - 1, n)
     f = wp.vec3(0.0)
     if s < ns - 1:
         f += cell_twist(v, weight, start, w, n) - cell_twist(v, weight, start, x, n)

@@ -6,7 +6,6 @@ from . import banded
 
 GROWTH = wp.constant(3.0)
 """Momentum n steps after it started anew is n / (n + this), until it is as large as it may be."""
-TURN = wp.constant(6.283185307179586)
 
 
 @wp.kernel(enable_backward=False)
@@ -16,6 +15,7 @@ def split_modes(
     ring_node: wp.array[int],
     tube_nx: wp.array[int],
     ring_closed: wp.array[int],
+    node_wave: wp.array[wp.vec2],
     first_mode: wp.array[float],
     step: wp.array2d[float],
     # state in
@@ -50,11 +50,11 @@ def split_modes(
     power = float(0.0)
     for x in range(n):
         f = force_in[start + x]
-        angle = TURN * float(x) / float(n)
+        wave = node_wave[start + x]
         mean += f
         power += wp.dot(f, velocity_in[start + x])
-        cosine += wp.cos(angle) * f
-        sine += wp.sin(angle) * f
+        cosine += wave[0] * f
+        sine += wave[1] * f
         radial += wp.dot(f, wp.normalize(tube_in[start + x] - centroid_in[r]))
     mean /= float(n)
     power_out[r] = power / float(n)
@@ -76,8 +76,8 @@ def split_modes(
     low_out[rings + r] = first * cosine
     low_out[2 * rings + r] = first * sine
     for x in range(n):
-        angle = TURN * float(x) / float(n)
-        rest = force_in[start + x] - mean - wp.cos(angle) * cosine - wp.sin(angle) * sine
+        wave = node_wave[start + x]
+        rest = force_in[start + x] - mean - wave[0] * cosine - wave[1] * sine
         delta_out[start + x] = dt * rest
 
 
@@ -88,12 +88,9 @@ def sweep_rings(
     ring_node: wp.array[int],
     tube_nx: wp.array[int],
     ring_closed: wp.array[int],
-    lower1: wp.array[float],
-    lower2: wp.array[float],
-    inverse: wp.array[float],
+    factor: wp.array[wp.vec3],
     border: wp.array[wp.vec2],
     corner: wp.array[wp.vec3],
-    edge: wp.array2d[float],
     # out
     delta_out: wp.array[wp.vec3],
 ):
@@ -102,7 +99,7 @@ def sweep_rings(
     if ring_closed[r] != 0:
         return
     n = tube_nx[ring_tube[r]]
-    banded.solve_cyclic(lower1, lower2, inverse, border, corner, edge, r, delta_out, ring_node[r], n)
+    banded.solve_cyclic(factor, border, corner[r], delta_out, ring_node[r], n)
 
 
 @wp.kernel(enable_backward=False)
@@ -114,12 +111,8 @@ def sweep_meridians(
     tube_ns: wp.array[int],
     tube_node: wp.array[int],
     tube_ring: wp.array[int],
-    lower1: wp.array[float],
-    lower2: wp.array[float],
-    inverse: wp.array[float],
-    low_lower1: wp.array[float],
-    low_lower2: wp.array[float],
-    low_inverse: wp.array[float],
+    factor: wp.array[wp.vec3],
+    low_factor: wp.array[wp.vec3],
     # scalars
     rings: int,
     # out
@@ -132,10 +125,10 @@ def sweep_meridians(
     x = line_x[i]
     ns = tube_ns[k]
     if x >= 0:
-        banded.solve_open(lower1, lower2, inverse, delta_out, tube_node[k] + x, tube_nx[k], ns)
+        banded.solve_open(factor, delta_out, tube_node[k] + x, tube_nx[k], ns)
     else:
         at = tube_ring[k] - (x + 1) * rings
-        banded.solve_open(low_lower1, low_lower2, low_inverse, low_out, at, 1, ns)
+        banded.solve_open(low_factor, low_out, at, 1, ns)
 
 
 @wp.kernel(enable_backward=False)
@@ -184,7 +177,7 @@ def advance(
     node_ring: wp.array[int],
     ring_tube: wp.array[int],
     ring_node: wp.array[int],
-    tube_nx: wp.array[int],
+    node_wave: wp.array[wp.vec2],
     # state in
     delta_in: wp.array[wp.vec3],
     low_in: wp.array[wp.vec3],
@@ -201,9 +194,9 @@ def advance(
     i = wp.tid()
     r = node_ring[i]
     x = i - ring_node[r]
-    angle = TURN * float(x) / float(tube_nx[ring_tube[r]])
+    wave = node_wave[i]
     mean = low_in[r]
-    d = delta_in[i] + mean + wp.cos(angle) * low_in[rings + r] + wp.sin(angle) * low_in[2 * rings + r]
+    d = delta_in[i] + mean + wave[0] * low_in[rings + r] + wave[1] * low_in[2 * rings + r]
     momentum = momentum_in[ring_tube[r]]
     d += momentum * velocity_out[i]
     velocity_out[i] = d

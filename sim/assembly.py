@@ -141,13 +141,13 @@ class Assembly:
 
     def hold_tangents(self) -> None:
         """Writes how far along the spine each ring's tangent looks."""
-        far = np.zeros(self.model.rings, np.float32)
+        far = np.zeros(self.model.rings)
         tubes, spines = self.positions()
         for k, tube in enumerate(self.tubes):
             nx, ns = tube.grid
             rings = self.model.rings_of(k)
             far[rings] = fading(tubes[self.model.nodes_of(k)].reshape(ns, nx, 3).transpose(1, 0, 2), spines[rings])
-        self.model.ring_far.assign(far)
+        self.model.ring_far.assign((far[:, None] ** np.arange(self.model.ring_far.shape[1])).astype(np.float32))
 
     def positions(self) -> tuple[np.ndarray, np.ndarray]:
         """Tube and spine nodes as they are now, to go back to with `rewind`."""

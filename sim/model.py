@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
-from ..kernels import image, projection
+from ..kernels import coupling, image, projection
 from .camera import Camera
 
 SPINE_TO_RING, REACTION, SYMMETRY, EXPAND, BALANCE, UPRIGHT, CENTRE, DEPTH = range(8)
@@ -23,13 +23,14 @@ class Model:
     Attributes (N nodes, R rings, K tubes, V views):
         node_ring: ring of each node, shape (N,).
         ring_tube, ring_node, ring_s, ring_closed: tube, first node, index along, closed end or not, shape (R,).
+        node_wave: cosine and sine of each node's angle 2 pi x / N_x, shape (N,).
         tube_nx, tube_ns, tube_node, tube_ring: grid and first node and ring of each tube, shape (K,).
         w10, w20, w11, w01, w02: weights of (3), shape (N,); w01 belongs to the edge to the next ring, w10 to the next node.
         w1, w2: weights of (2), shape (R,).
         coupling: columns a, reaction, b, c, balance, d, centre, depth, shape (R, 8)
         depth_rest: depth along the line of sight that `depth` holds, shape (R,).
         bend_basis: orthonormal polynomials in s of each spine, shape (R, BEND_DEGREE + 1).
-        ring_far: importance for a ring's tangent of a segment of the spine over that of the one before, shape (R,).
+        ring_far: importance for a ring's tangent of the j-th segment of the spine either way, shape (R, WINDOW).
         k1: tension factor K1 of edges that are too short, shape (K,).
         mu, gamma: mass density and viscosity of the medium (1) of tube nodes, shape (N,).
         spine_mu, spine_gamma: the same of spine nodes, shape (R,).
@@ -64,6 +65,9 @@ class Model:
             return wp.array(np.ascontiguousarray(a, np.int32), dtype=int, device=device)
 
         self.node_ring = ints(np.repeat(np.arange(self.rings), np.array([nx for nx, _ in grids])[ring_tube]))
+        angle = np.concatenate([np.tile(2 * np.pi * np.arange(nx) / nx, ns) for nx, ns in grids])
+        wave = np.stack([np.cos(angle), np.sin(angle)], axis=1).astype(np.float32)
+        self.node_wave = wp.array(wave, dtype=wp.vec2, device=device)
         self.ring_tube, self.ring_node, self.ring_s = ints(ring_tube), ints(ring_node), ints(ring_s)
         self.ring_closed = ints(ring_closed)
         self.tube_nx, self.tube_ns = (
@@ -82,7 +86,8 @@ class Model:
             inner = np.polynomial.legendre.legvander(np.linspace(-1, 1, ns - 2), BEND_DEGREE)
             basis[self.rings_of(k)][1:-1] = np.linalg.qr(inner)[0]
         self.bend_basis = wp.array(basis, dtype=float, device=device)
-        self.ring_far = wp.zeros(self.rings, dtype=float, device=device)
+        nearest = np.tile(np.eye(1, int(coupling.WINDOW), dtype=np.float32), (self.rings, 1))
+        self.ring_far = wp.array(nearest, dtype=float, device=device)
         self.k1 = wp.zeros(self.tubes, dtype=float, device=device)
         self.mu, self.spine_mu = (wp.zeros(n, dtype=float, device=device) for n in (self.nodes, self.rings))
         self.gamma, self.spine_gamma = (wp.ones(n, dtype=float, device=device) for n in (self.nodes, self.rings))

@@ -27,10 +27,9 @@ def _solve_rings(bands, rhs):
     _rig(n).launch(
         integrate.sweep_rings,
         m,
-        **{k: array(factors[k].ravel()) for k in ("lower1", "lower2", "inverse")},
+        factor=array(factors["factor"].reshape(-1, 3), wp.vec3),
         border=array(factors["border"].reshape(-1, 2), wp.vec2),
         corner=array(factors["corner"], wp.vec3),
-        edge=wp.array(factors["edge"].astype(np.float32), dtype=float, device="cpu"),
         delta_out=x,
     )
     return x.numpy().reshape(m, n, 3).astype(float)
@@ -40,14 +39,10 @@ def _solve_meridians(bands, rhs):
     """One open line a meridian, entries `m` apart; nothing in the slow modes. rhs (m, n, 3)."""
     m, n, _ = rhs.shape
     rig = _rig(m, n)
-    factors = [array(f.T.ravel()) for f in factor_open(*bands)]
+    factor = array(np.stack(factor_open(*bands), axis=2).transpose(1, 0, 2).reshape(-1, 3), wp.vec3)
     x = array(rhs.transpose(1, 0, 2).reshape(-1, 3), wp.vec3)
-    zero = wp.zeros(4 * n, dtype=float, device="cpu")
-    lower1, lower2, inverse = factors
-    rig.launch(
-        integrate.sweep_meridians, rig.model.lines, rings=n, delta_out=x,
-        lower1=lower1, lower2=lower2, inverse=inverse, low_lower1=zero, low_lower2=zero, low_inverse=zero,
-    )  # fmt: skip
+    zero = wp.zeros(4 * n, dtype=wp.vec3, device="cpu")
+    rig.launch(integrate.sweep_meridians, rig.model.lines, rings=n, factor=factor, low_factor=zero, delta_out=x)
     return x.numpy().reshape(n, m, 3).transpose(1, 0, 2).astype(float)
 
 

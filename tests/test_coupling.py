@@ -19,6 +19,7 @@ LENGTH = np.linalg.norm(OFFSET, axis=-1, keepdims=True)
 CENTROID, RADIUS = reference.ring_means(TUBE, SPINE)
 FAR = np.linspace(0.2, 0.9, NS)
 """Fading of each ring's look along the spine."""
+LOOK = FAR[:, None] ** np.arange(int(coupling.WINDOW))
 ATOL = 2e-6
 """A few roundings of float32 on numbers of order one."""
 
@@ -33,7 +34,7 @@ def _closed(tube):
 
 def test_ring_means():
     """Centroid and mean radius of figure 7, mean distance to the next ring, tangent over several segments."""
-    rig = Rig((TUBE, SPINE), ring_far=FAR)
+    rig = Rig((TUBE, SPINE), ring_far=LOOK)
     rig.forces()
     s = rig.state
     np.testing.assert_allclose(s.centroid.numpy(), CENTROID, atol=ATOL)
@@ -132,7 +133,7 @@ def _upright(v, spine, centroid):
 def test_upright_rings_and_spine_share_one_energy(closed):
     tube = _closed(TUBE) if closed else TUBE
     centroid = reference.ring_means(tube, SPINE)[0]
-    force, spine_force = Rig((tube, SPINE), closed=closed, d=0.7, ring_far=FAR).forces()
+    force, spine_force = Rig((tube, SPINE), closed=closed, d=0.7, ring_far=LOOK).forces()
     gradient = reference.gradient(lambda v: _upright(v, SPINE, centroid), tube, 1e-5)
     np.testing.assert_allclose(force, -0.7 * NX * gradient, atol=ATOL)
     gradient = reference.gradient(lambda v: _upright(tube, v, centroid), SPINE, 1e-5)
@@ -141,7 +142,7 @@ def test_upright_rings_and_spine_share_one_energy(closed):
 
 def test_upright_force_gives_the_spine_no_net_push():
     """The energy knows differences of the spine alone."""
-    _, spine_force = Rig((_closed(TUBE), SPINE), closed=True, d=0.7, ring_far=FAR).forces()
+    _, spine_force = Rig((_closed(TUBE), SPINE), closed=True, d=0.7, ring_far=LOOK).forces()
     np.testing.assert_allclose(spine_force.sum(axis=0), 0, atol=ATOL)
     assert np.abs(spine_force).max() > 1e-3
 

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 import trimesh
 
-from benchmarks import accuracy, truth
-from benchmarks.peers import contour_peer, generalised_cylinder, inflation
+from benchmarks import accuracy, lines, truth
+from benchmarks.peers import contour_peer, generalised_cylinder, inflation, line_solvers
 from symseek.scenes.synthetic import KINDS, make
 from symseek.sim.camera import Camera
+from tests import reference
 
 CAMERA = Camera.orthographic()
 
@@ -129,3 +130,27 @@ def test_unseen_seeds_were_not_tuned_with():
     assert max(tuning) < 100 <= min(unseen)
     kinds = [KINDS[s % len(KINDS)] for s in accuracy.UNSEEN.main]
     assert all(kinds.count(k) == 3 for k in KINDS)
+
+
+@pytest.mark.parametrize("tubes", [1, 3])
+def test_line_solvers_solve_the_same_step(tubes):
+    """(1 + dt Kx)(M + dt Ks) D = r by dense matrices; the sparse one solves (M + dt (M Kx + Ks)) D = r instead."""
+    step = line_solvers.Step(9, 8, tubes, w20=1e-3, w02=1e-5)
+    around = np.eye(9) + step.dt * reference.ring_stiffness(np.zeros(9), np.full(9, step.w20))
+    mass = np.diag(reference.end_mass(8))
+    along = mass + step.dt * reference.open_stiffness(np.zeros(8), np.full(8, step.w02))
+    right = lines.right_side(step)
+    split = np.linalg.solve(np.kron(along, around), right.reshape(tubes, 72, 3))
+    whole = np.linalg.solve(np.kron(along, np.eye(9)) + np.kron(mass, around - np.eye(9)), right.reshape(tubes, 72, 3))
+    for kind in (*lines.PEERS.values(), None):
+        v = right.copy()
+        if kind is None:
+            v = lines.ours(step)()
+        elif kind is line_solvers.Interleaved:
+            v = np.ascontiguousarray(v.transpose(2, 1, 3, 0))
+            kind(step).solve(v)
+            v = v.transpose(3, 1, 0, 2)
+        else:
+            kind(step).solve(v)
+        expected = whole if kind is line_solvers.SparseFactors else split
+        np.testing.assert_allclose(v.reshape(tubes, 72, 3), expected, atol=2e-6)

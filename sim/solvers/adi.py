@@ -35,14 +35,11 @@ class SolverADI(Solver):
         n, r = model.nodes, model.rings
         device = model.device
 
-        def zeros(shape: int, dtype: type = float) -> wp.array:
+        def zeros(shape: int, dtype: type) -> wp.array:
             return wp.zeros(shape, dtype=dtype, device=device)
 
-        self.x_factor = {k: zeros(n) for k in ("lower1", "lower2", "inverse")}
-        self.x_factor |= {"border": zeros(n, wp.vec2), "corner": zeros(r, wp.vec3)}
-        self.x_edge = wp.zeros((r, 6), dtype=float, device=device)
-        self.s_factor = [zeros(n) for _ in range(3)]
-        self.low_factor = [zeros(4 * r) for _ in range(3)]
+        self.x_factor = {"factor": zeros(n, wp.vec3), "border": zeros(n, wp.vec2), "corner": zeros(r, wp.vec3)}
+        self.s_factor, self.low_factor = zeros(n, wp.vec3), zeros(4 * r, wp.vec3)
         self.node_weight = wp.zeros(n, dtype=float, device=device)
         super().__init__(model, dt, slow, momentum)
 
@@ -53,11 +50,9 @@ class SolverADI(Solver):
         self.node_weight.assign(self.weight.astype(np.float32))
         host = {k: getattr(m, k).numpy().astype(float) for k in ("w10", "w20", "w01", "w02", "w1", "w2")}
         coupling = m.coupling.numpy().astype(float)
-        x = {k: np.zeros((m.nodes, *v.shape[1:])) for k, v in self._empty_x().items()}
         tie, k1 = self.tie(), m.k1.numpy()
-        corner, edge = np.zeros((m.rings, 3)), np.zeros((m.rings, 6))
-        s = np.zeros((3, m.nodes))
-        low = np.zeros((3, 4, m.rings))
+        x = {"factor": np.zeros((m.nodes, 3)), "border": np.zeros((m.nodes, 2)), "corner": np.zeros((m.rings, 3))}
+        s, low = np.zeros((m.nodes, 3)), np.zeros((4, m.rings, 3))
         for k, (nx, ns) in enumerate(m.grids):
             dt, slow_dt, spine_dt = map(float, self.steps[k])
             nodes, rings = m.nodes_of(k), m.rings_of(k)
@@ -74,26 +69,21 @@ class SolverADI(Solver):
             # symmetry (8) acts on what a ring has beyond its slow modes, so it is taken implicitly too
             diagonal, first, second = cyclic_bands(grid["w10"], grid["w20"], 1 / nx)
             factors = factor_cyclic(weight + dt * (diagonal + b), dt * first, dt * second)
-            for key in x:
-                x[key][nodes] = factors[key].reshape(nx * ns, *factors[key].shape[2:])
-            corner[rings], edge[rings] = factors["corner"], factors["edge"]
+            x["factor"][nodes], x["border"][nodes] = factors["factor"].reshape(-1, 3), factors["border"].reshape(-1, 2)
+            x["corner"][rings] = factors["corner"]
             lines = self._along(grid["w01"].T, grid["w02"].T, dt, closed, inertia=weight.T)
-            s[:, nodes] = np.moveaxis(lines, 2, 1).reshape(3, -1)
+            s[nodes] = lines.transpose(1, 0, 2).reshape(-1, 3)
             tension, rigidity = grid["w01"].mean(1)[None], grid["w02"].mean(1)[None]
             mean, own = self.low_weight[0, rings], self.low_weight[3, rings]
-            low[:, 0, rings] = self._along(tension, rigidity, slow_dt, False, tie[rings], mean)[:, 0]
-            low[:, 1:3, rings] = self._along(tension, rigidity, slow_dt, closed, inertia=mean)
+            low[0, rings] = self._along(tension, rigidity, slow_dt, False, tie[rings], mean)[0]
+            low[1:3, rings] = self._along(tension, rigidity, slow_dt, closed, inertia=mean)[0]
             a = coupling[rings, SPINE_TO_RING]
             spine = self._along(host["w1"][rings][None] + k1[k], host["w2"][rings][None], spine_dt, False, a, own)
-            low[:, 3, rings] = spine[:, 0]
-        for key in x:
-            self.x_factor[key].assign(x[key].astype(np.float32))
-        self.x_factor["corner"].assign(corner.astype(np.float32))
-        self.x_edge.assign(edge.astype(np.float32))
-        for array, value in zip(self.s_factor, s, strict=True):
-            array.assign(value.astype(np.float32))
-        for array, value in zip(self.low_factor, low.reshape(3, -1), strict=True):
-            array.assign(value.astype(np.float32))
+            low[3, rings] = spine[0]
+        for key, array in self.x_factor.items():
+            array.assign(x[key].astype(np.float32))
+        self.s_factor.assign(s.astype(np.float32))
+        self.low_factor.assign(low.reshape(-1, 3).astype(np.float32))
 
     def margins(self, k: int, dt: float) -> np.ndarray:
         q, facts = super().margins(k, dt), self.facts[k]
@@ -123,15 +113,6 @@ class SolverADI(Solver):
         return along(tension, rigidity, ns)
 
     @staticmethod
-    def _empty_x() -> dict[str, np.ndarray]:
-        return {
-            "lower1": np.zeros(0),
-            "lower2": np.zeros(0),
-            "inverse": np.zeros(0),
-            "border": np.zeros((0, 2)),
-        }
-
-    @staticmethod
     def _along(
         tension: np.ndarray,
         rigidity: np.ndarray,
@@ -140,27 +121,24 @@ class SolverADI(Solver):
         extra: np.ndarray | float = 0.0,
         inertia: np.ndarray | float = 1.0,
     ) -> np.ndarray:
-        """Factors of mass (inertia + dt extra) + dt Ks for lines along s, shape (3, lines, ns)."""
+        """Factors of mass (inertia + dt extra) + dt Ks for lines along s, shape (lines, ns, 3)."""
         ns = tension.shape[1]
         diagonal, first, second = open_bands(tension, rigidity, 1 / (ns - 1))
         mass = end_mass(ns)
         diagonal = mass * (inertia + dt * extra) + dt * diagonal
         if held:
             diagonal[:, [0, -1]] += HELD
-        return np.stack(factor_open(diagonal, dt * first, dt * second))
+        return np.stack(factor_open(diagonal, dt * first, dt * second), axis=2)
 
     def solve_lines(self, state: State) -> None:
         m, s, x = self.model, state, self.x_factor
         wp.launch(
             integrate.sweep_rings,
             m.rings,
-            inputs=[
-                m.ring_tube, m.ring_node, m.tube_nx, m.ring_closed,
-                x["lower1"], x["lower2"], x["inverse"], x["border"], x["corner"], self.x_edge,
-            ],
+            inputs=[m.ring_tube, m.ring_node, m.tube_nx, m.ring_closed, x["factor"], x["border"], x["corner"]],
             outputs=[s.delta],
             device=m.device,
-        )  # fmt: skip
+        )
         if self.uneven:  # between the sweeps stands the inertia: (W + dt Kx) W^-1 (M W + dt Ks)
             wp.launch(integrate.scale_nodes, m.nodes, inputs=[self.node_weight], outputs=[s.delta], device=m.device)
         wp.launch(
@@ -168,7 +146,7 @@ class SolverADI(Solver):
             m.lines,
             inputs=[
                 m.line_tube, m.line_x, m.tube_nx, m.tube_ns, m.tube_node, m.tube_ring,
-                *self.s_factor, *self.low_factor, m.rings,
+                self.s_factor, self.low_factor, m.rings,
             ],
             outputs=[s.delta, s.low],
             device=m.device,

@@ -241,7 +241,7 @@ class Solver:
             integrate.split_modes,
             m.rings,
             inputs=[
-                m.ring_tube, m.ring_node, m.tube_nx, m.ring_closed, self.first_mode, self.step_size,
+                m.ring_tube, m.ring_node, m.tube_nx, m.ring_closed, m.node_wave, self.first_mode, self.step_size,
                 s.tube, s.centroid, s.force, s.spine_force, s.velocity, m.rings,
             ],
             outputs=[s.delta, s.low, s.residual, s.power],
@@ -263,7 +263,7 @@ class Solver:
         wp.launch(
             integrate.advance,
             m.nodes,
-            inputs=[m.node_ring, m.ring_tube, m.ring_node, m.tube_nx, s.delta, s.low, s.momentum, m.rings],
+            inputs=[m.node_ring, m.ring_tube, m.ring_node, m.node_wave, s.delta, s.low, s.momentum, m.rings],
             outputs=[s.tube, s.spine, s.velocity, s.spine_velocity],
             device=m.device,
         )

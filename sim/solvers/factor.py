@@ -61,25 +61,14 @@ def factor_cyclic(diagonal: np.ndarray, first: np.ndarray, second: np.ndarray) -
     Arguments as in `factor_open`, with every entry used (indices wrap).
 
     Returns:
-        lower1, lower2, inverse (m, n; last two 0), border (m, n, 2), corner (m, 3), edge (m, 6).
+        factor (m, n, 3; last two rows 0), border (m, n, 2; likewise), corner (m, 3).
     """
     m, n = diagonal.shape
     k = n - 2
     inner = factor_open(diagonal[:, :k], first[:, :k], second[:, :k])
-    edge = np.stack(
-        [
-            second[:, k],
-            first[:, n - 1],
-            second[:, n - 1],
-            second[:, k - 2],
-            first[:, k - 1],
-            second[:, k - 1],
-        ],
-        axis=1,
-    )
     c = np.zeros((2, m, k))
-    c[0, :, 0], c[0, :, k - 2], c[0, :, k - 1] = edge[:, 0], edge[:, 3], edge[:, 4]
-    c[1, :, 0], c[1, :, 1], c[1, :, k - 1] = edge[:, 1], edge[:, 2], edge[:, 5]
+    c[0, :, 0], c[0, :, k - 2], c[0, :, k - 1] = second[:, k], second[:, k - 2], first[:, k - 1]
+    c[1, :, 0], c[1, :, 1], c[1, :, k - 1] = first[:, n - 1], second[:, n - 1], second[:, k - 1]
     w = np.stack([solve_open(inner, c[0]), solve_open(inner, c[1])])
     s00 = diagonal[:, k] - np.sum(c[0] * w[0], axis=1)
     s01 = first[:, k] - np.sum(c[0] * w[1], axis=1)
@@ -87,16 +76,13 @@ def factor_cyclic(diagonal: np.ndarray, first: np.ndarray, second: np.ndarray) -
     det = s00 * s11 - s01**2
     if not np.all((det > 0) & (s00 > 0)):
         raise ValueError("a ring's matrix is not positive definite: weights must not be negative")
-    pad = ((0, 0), (0, 2))
-    border = np.moveaxis(np.pad(w, ((0, 0), *pad)), 0, 2)
+    pad = ((0, 0), (0, 2), (0, 0))
+    border = np.pad(np.moveaxis(w, 0, 2), pad)
     return {
-        "lower1": np.pad(inner[0], pad),
-        "lower2": np.pad(inner[1], pad),
-        "inverse": np.pad(inner[2], pad),
+        "factor": np.pad(np.stack(inner, axis=2), pad),
         # values that decayed into denormals cost time and carry nothing
         "border": np.where(np.abs(border) < 1e-20, 0.0, border),
         "corner": np.stack([s11 / det, -s01 / det, s00 / det], axis=1),
-        "edge": edge,
     }
 
 
