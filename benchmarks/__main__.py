@@ -9,7 +9,7 @@ from pathlib import Path
 
 from symseek.device import start_quietly
 
-from . import ablation, accuracy, invariance, lines, photographs, speed
+from . import ablation, accuracy, invariance, lines, photographs, solvers, speed
 
 TABLES = {
     "accuracy": accuracy.main,
@@ -18,6 +18,7 @@ TABLES = {
     "photographs": photographs.main,
     "speed": speed.main,
     "lines": lines.main,
+    "solvers": solvers.main,
 }
 
 

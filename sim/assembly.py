@@ -40,6 +40,7 @@ class Assembly:
         self.sample_start = np.concatenate([[0], np.cumsum(sizes)])
         self.model = Model([t.grid for t in tubes], [t.material.closed for t in tubes], len(views), sum(sizes), device)
         self.model.set_cameras([self._own_camera(v.camera) for v in views])
+        self.model.image_load[:] = settings.gain * LINE_LOAD
         self.state = State(self.model)
         self._start()
 
@@ -190,6 +191,5 @@ class Assembly:
                 f.gain *= (self._pixel(k) / self.unit) ** 2
             fields.append([f])
         self.model.samples.assign(samples)
-        self.model.image_load[:] = self.settings.gain * LINE_LOAD
         host = wp.array([f[0] for f in fields], dtype=image_kernels.Field, device="cpu").numpy()
         self.model.fields.assign(host.reshape(len(potentials), 1))

@@ -6,6 +6,7 @@ import pytest
 from benchmarks import truth
 from symseek.scenes.synthetic import Sample, make
 from symseek.sim.camera import Camera
+from symseek.sim.material import Material
 from symseek.sim.problem import Settings, Tube, View
 from symseek.sim.reconstruct import ObjectResult, reconstruct
 
@@ -23,10 +24,12 @@ def pear(sample) -> ObjectResult:
     return _solve(sample.image, sample.clicks)
 
 
-def _solve(image, clicks, camera=None, grid=(25, 25), callback=None, **settings) -> ObjectResult:
+def _solve(image, clicks, camera=None, grid=(25, 25), callback=None, material=None, **settings) -> ObjectResult:
     view = View(np.ascontiguousarray(image), camera or Camera.orthographic())
-    result = reconstruct([view], [Tube(clicks, grid=grid)], Settings(**settings), callback=callback)
-    assert result.settings == Settings(**settings) and set(result.seconds) >= {"map", "solve"}
+    tube = Tube(clicks, grid=grid, material=material or Material())
+    result = reconstruct([view], [tube], Settings(**settings), callback=callback)
+    # what "auto" chose is told
+    assert result.settings == Settings(**({"scheme": "adi"} | settings)) and set(result.seconds) >= {"map", "solve"}
     return result.objects[0]
 
 
@@ -44,6 +47,36 @@ def test_accuracy(pear, sample):
     assert pear.measures["supported_share"] > 0.95
     assert pear.measures["length"] == pytest.approx(sample.length, rel=0.02)
     assert pear.measures["volume"] == pytest.approx(truth.volume(pear.vertices, pear.faces))
+
+
+@pytest.mark.parametrize("scheme", ["sor", "direct", "jacobi"])
+def test_every_scheme_finds_the_shape(pear, sample, scheme):
+    found = _solve(sample.image, sample.clicks, scheme=scheme)
+    assert found.converged and found.trusted
+    assert _apart((found.vertices, found.faces), (pear.vertices, pear.faces), sample) < 0.1
+
+
+def test_mass_ends_near_and_tells_its_velocity(pear, sample):
+    """Damped motion of second order: world units per unit of time, the way of the last step of its own h."""
+    places = []
+
+    def watch(progress):
+        places.append(progress.tube())
+
+    material = Material(mu=0.05, gamma=0.5)
+    found = _solve(sample.image, sample.clicks, callback=watch, material=material, iterations=1500, step=0.25)
+    assert _apart((found.vertices, found.faces), (pear.vertices, pear.faces), sample) < 0.3
+    np.testing.assert_allclose(found.velocity[0], (places[-1] - places[-2]) / 0.25, atol=1e-3)
+    assert np.abs(found.velocity).max() > 0
+
+
+def test_a_step_too_long_is_refused_before_any_is_made(sample):
+    steps = []
+    with pytest.raises(ValueError, match="solver.step = 9 is too long for alternating directions.*at most 0"):
+        _solve(sample.image, sample.clicks, step=9.0, callback=steps.append)
+    with pytest.raises(ValueError, match='"sor" does not integrate material.mu'):
+        _solve(sample.image, sample.clicks, scheme="sor", material=Material(mu=0.1), callback=steps.append)
+    assert not steps
 
 
 def test_result_is_whole(pear):
