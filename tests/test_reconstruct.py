@@ -72,9 +72,9 @@ def test_mass_ends_near_and_tells_its_velocity(pear, sample):
 
 def test_a_step_too_long_is_refused_before_any_is_made(sample):
     steps = []
-    with pytest.raises(ValueError, match="solver.step = 9 is too long for alternating directions.*at most 0"):
+    with pytest.raises(ValueError, match=r"solver\.step = 9 is too long for alternating directions.*at most 0"):
         _solve(sample.image, sample.clicks, step=9.0, callback=steps.append)
-    with pytest.raises(ValueError, match='"sor" does not integrate material.mu'):
+    with pytest.raises(ValueError, match=r'"sor" does not integrate material\.mu'):
         _solve(sample.image, sample.clicks, scheme="sor", material=Material(mu=0.1), callback=steps.append)
     assert not steps
 
