@@ -1,4 +1,4 @@
-"""`python -m benchmarks [--quick] [--out DIR]`: accuracy, ablation, dependence on grid and size, timings."""
+"""`python -m benchmarks [--quick] [--out DIR]`: accuracy, ablation, grid and size, rest, photographs, timings."""
 
 from __future__ import annotations
 
@@ -9,12 +9,13 @@ from pathlib import Path
 
 from symseek.device import start_quietly
 
-from . import ablation, accuracy, invariance, lines, photographs, solvers, speed
+from . import ablation, accuracy, invariance, lines, photographs, rest, solvers, speed
 
 TABLES = {
     "accuracy": accuracy.main,
     "ablation": ablation.main,
     "invariance": invariance.main,
+    "rest": rest.main,
     "photographs": photographs.main,
     "speed": speed.main,
     "lines": lines.main,

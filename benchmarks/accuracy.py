@@ -39,7 +39,7 @@ class Seeds:
     mixed: range
 
 
-UNSEEN = Seeds(range(8008, 8041), range(9009, 9020), range(10010, 10043))
+UNSEEN = Seeds(range(12012, 12045), range(13013, 13024), range(14014, 14047))
 TUNING = Seeds(range(0, 33), range(33, 44), range(44, 77))
 
 

@@ -25,7 +25,7 @@ from symseek.device import start_quietly
 from symseek.scene import Scene
 from symseek.sim.assembly import Assembly
 from symseek.sim.force import add_forces
-from symseek.sim.reconstruct import LEAST_SHARE, _Loop, reconstruct
+from symseek.sim.reconstruct import LEAST_SHARE, Loop, reconstruct
 
 from .ablation import as_text
 
@@ -70,7 +70,7 @@ def iteration(scene: Scene, grid: tuple[int, int]) -> tuple[float, float]:
     laid.set_potentials([space.at(space.sigmas[-1], finest=True)])
     laid.hold_depth()
     laid.set_material(LEAST_SHARE)
-    loop = _Loop(laid, careful=False)
+    loop = Loop(laid, careful=False)
     settings = scene.settings
 
     def launches() -> None:

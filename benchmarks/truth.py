@@ -208,6 +208,12 @@ def _spread(triangles: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     return a + u[:, None] * (b - a) + v[:, None] * (c - a), face
 
 
+def to_surface(points: np.ndarray, mesh: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    """Distance of each point (n, 3) to a mesh (vertices, faces), shape (n,)."""
+    vertices, faces = mesh
+    return _to_surface(points, vertices[faces].astype(float))
+
+
 def _to_surface(
     points: np.ndarray,
     triangles: np.ndarray,

@@ -2,7 +2,8 @@
 
 Colours near the axis and far from it make two histograms; their log likelihood ratio is the prior of a random walker
 (Grady 2005) whose edges are the image's own. Made `ROUNDS` times, each time with the colours of the object found before,
-and led by the most likely ribbon about the axis from the second time on.
+and led by the most likely ribbon about the axis from the second time on. A thin object is then looked at once more, at
+samples that are fine beside its width.
 """
 
 from __future__ import annotations
@@ -10,25 +11,21 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage, sparse
+from scipy import ndimage
 from scipy.interpolate import make_interp_spline
-from scipy.sparse.linalg import LinearOperator, cg, splu
 from skimage import color, measure, transform
 from threadpoolctl import threadpool_limits
 
 from .ribbon import ribbon
+from .walk import Walk
 
 AXIS = 130.0
 """Samples along the axis in the working image."""
 ROUNDS = 4
-BLOCK = 8
-"""Side of a block of samples that the solver takes as one first."""
 CORE, FAR, MARGIN = 0.02, 0.45, 0.75
 """Surely object within, surely background beyond, image looked at within: distance to the axis / its length."""
 PRIOR, SEED = 0.003, 10.0
 """Weights of prior and seeds against the image's edges."""
-PARTING = 0.4
-"""Mean square of the differences between neighbours at which they part, times that of the whole image."""
 TINT, DARK = 3.0, 1.0
 """Weight of tint against lightness at lightness 0.5; added to the lightness (white is 1) that divides the tint."""
 SHAPE, RIM = 4.0, 4.0
@@ -39,6 +36,12 @@ MIDDLE, SMOOTH = 5, 1.0
 """Rounds in which the axis goes to the object's middle; smoothing along it, in half widths."""
 CLEAR = 1.0
 """Log likelihood ratio of colours that are the object's wherever they are."""
+FINE, FINEST, FINER = 16.0, 0.8, 1.2
+"""Samples for a thin object's half width; least step [image px]; least gain in step that is worth a second look."""
+AROUND, THIN_CORE, THIN_SLACK, THIN_ROUNDS = 3.0, 0.2, 0.3, 2
+"""Of the second look, in half widths: background beyond; surely object within; slack of `UNEVEN`. Rounds."""
+MARK = 0.02
+"""Radius of a mark, in lengths of the axis."""
 BINS = {1: 32, 3: 16}
 """Cells of the histogram along each channel, by the count of channels."""
 
@@ -114,44 +117,6 @@ def _tinted(x: np.ndarray) -> np.ndarray:
     return x * np.concatenate([np.ones_like(x[..., :1]), *2 * [TINT * (0.5 + DARK) / (x[..., :1] + DARK)]], axis=2)
 
 
-@dataclass(frozen=True)
-class _Walk:
-    """The random walk on the samples and on blocks of them."""
-
-    laplacian: sparse.csr_array
-    coarse: sparse.csr_array
-    """the same, summed over blocks."""
-    block: np.ndarray
-    """which block each sample is in, shape (h w)."""
-
-
-def _walk(x: np.ndarray) -> _Walk:
-    laplacian = _edges(x)
-    rows, cols = np.indices(x.shape[:2]) // BLOCK
-    block = (rows * (cols.max() + 1) + cols).ravel()
-    whole = sparse.csr_array((np.ones(len(block)), (np.arange(len(block)), block)))
-    return _Walk(laplacian, (whole.T @ laplacian @ whole).tocsr(), block)
-
-
-def _edges(x: np.ndarray) -> sparse.csr_array:
-    """Laplacian of the 8-neighbour graph with weights exp(-|dX|^2 / (2 PARTING mean |dX|^2)) + 1e-4."""
-    h, w = x.shape[:2]
-    index = np.arange(h * w).reshape(h, w)
-    pairs, squares = [], []
-    for dy, dx in ((0, 1), (1, 0), (1, 1), (1, -1)):
-        a = (slice(0, h - dy), slice(max(0, -dx), w - max(0, dx)))
-        b = (slice(dy, h), slice(max(0, dx), w + min(0, dx)))
-        pairs.append((index[a].ravel(), index[b].ravel()))
-        squares.append(((x[a] - x[b]) ** 2).sum(-1).ravel())
-    square = np.concatenate(squares)
-    weight = np.exp(-square / (2 * PARTING * square.mean() + 1e-12)) + 1e-4
-    i = np.concatenate([p[0] for p in pairs])
-    j = np.concatenate([p[1] for p in pairs])
-    off = sparse.coo_array((-weight, (i, j)), shape=(h * w, h * w))
-    off = (off + off.T).tocsr()
-    return (off + sparse.diags_array(-off.sum(axis=1))).tocsr()
-
-
 def _histogram(cells: np.ndarray, chosen: np.ndarray, channels: int) -> np.ndarray:
     """Smoothed share of the chosen pixels in each colour cell."""
     counts = np.bincount(cells[chosen], minlength=BINS[channels] ** channels).astype(np.float32)
@@ -186,16 +151,74 @@ def foreground(
         not_here: shape (k, 2), image points that are background.
 
     Returns:
-        The map on a crop round the axis, at `AXIS` samples for the axis' length.
+        The map on a crop round the axis, at `AXIS` samples for the axis' length; at `FINE` samples for the half width
+        of a thin object.
     """
-    h, w = image.shape[:2]
     curve = axis_curve(axis)
     length = length_of(curve)
-    step = length / AXIS
-    lo = np.floor(curve.min(0) - MARGIN * length)
-    hi = np.ceil(curve.max(0) + MARGIN * length)
-    lo = np.maximum(lo, 0.0)
-    hi = np.minimum(hi, [w - 1, h - 1])
+    marks = np.zeros((0, 2)) if not_here is None else np.asarray(not_here, float).reshape(-1, 2)
+    look = _look(image, curve, length / AXIS, MARGIN * length, ignore)
+    decide = len(marks) == 0
+    core = look.off <= max(CORE * AXIS, 1.0)
+    far = (look.off > FAR * AXIS) | look.near(marks, MARK * length)
+    found = look.found(_rounds(look, core, far, SLACK * AXIS, ROUNDS, decide), length)
+    half, step = found.half_width, max(found.half_width / FINE, FINEST)
+    if step > look.step / FINER:
+        return found
+    look = _look(image, found.axis, step, AROUND * half, ignore)
+    before = look.sampled(found)
+    core = look.off <= THIN_CORE * half / step
+    far = (_depth(before < 0.5) > AROUND * half / step) | look.near(marks, MARK * length)
+    return look.found(_rounds(look, core, far, THIN_SLACK * half / step, THIN_ROUNDS, decide, before), length)
+
+
+@dataclass(frozen=True)
+class _Look:
+    """The image round an axis, sampled."""
+
+    x: np.ndarray
+    """shape (h, w, channels)."""
+    cells: np.ndarray
+    """histogram cell of each sample's colour, shape (h, w)."""
+    known: np.ndarray
+    """what may be looked at, shape (h, w), bool."""
+    line: np.ndarray
+    """axis, shape (n, 2), samples."""
+    off: np.ndarray
+    """distance to the axis [samples], shape (h, w)."""
+    place: np.ndarray
+    """which of the axis' points is nearest, shape (h, w)."""
+    step: float
+    """image pixels a sample."""
+    origin: np.ndarray
+    """image point of sample (0, 0)."""
+
+    def near(self, marks: np.ndarray, radius: float) -> np.ndarray:
+        """Samples within a radius [image px] of marks, shape (k, 2), image points."""
+        rows, cols = np.indices(self.off.shape)
+        near = np.zeros(self.off.shape, bool)
+        for p in (marks - self.origin) / self.step:
+            near |= np.hypot(cols - p[0], rows - p[1]) <= radius / self.step
+        return near
+
+    def sampled(self, map_: Foreground) -> np.ndarray:
+        """Another map at these samples."""
+        rows, cols = (np.arange(n) * self.step + self.origin[1 - i] for i, n in enumerate(self.off.shape))
+        at = np.meshgrid((rows - map_.origin[1]) / map_.step, (cols - map_.origin[0]) / map_.step, indexing="ij")
+        return ndimage.map_coordinates(map_.inside, at, order=1, mode="nearest")
+
+    def found(self, inside: np.ndarray, length: float) -> Foreground:
+        """The walker's map with its outline made plain, and what it says of the object."""
+        soft = _soft(inside)
+        half, axis = _half_width(soft, self.line, self.step, self.origin)
+        return Foreground(soft, self.step, (float(self.origin[0]), float(self.origin[1])), length, half, axis)
+
+
+def _look(image: np.ndarray, curve: np.ndarray, step: float, margin: float, ignore: np.ndarray | None) -> _Look:
+    """The image within a margin [image px] about a curve of image points."""
+    h, w = image.shape[:2]
+    lo = np.maximum(np.floor(curve.min(0) - margin), 0.0)
+    hi = np.minimum(np.ceil(curve.max(0) + margin), [w - 1, h - 1])
     width, height = (int(v) for v in np.maximum(np.floor((hi - lo) / step) + 1, 8))
     shape = (height, width)
     x = _tinted(resample(colours(image), lo, step, shape))
@@ -206,46 +229,58 @@ def foreground(
         near = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
         assert near is not None
         x = x[near[0], near[1]]
-    line = (curve - lo) / step
-    rows, cols = np.mgrid[: shape[0], : shape[1]]
-    off, place = _from_axis(line, shape)
-    dist = off / AXIS
-    core, far = dist <= max(CORE, 1.0 / AXIS), dist > FAR
-    if not_here is not None:
-        for p in (np.asarray(not_here, float).reshape(-1, 2) - lo) / step:
-            far |= np.hypot(cols - p[0], rows - p[1]) <= 0.02 * AXIS
-    core &= ~far
     channels = x.shape[2]
     bins = BINS[channels]
     low, high = x.min((0, 1)), x.max((0, 1))
     q = np.clip(((x - low) / (high - low + 1e-6) * bins).astype(int), 0, bins - 1)
     cells = np.asarray(np.ravel_multi_index(tuple(q[..., i] for i in range(channels)), (bins,) * channels))
-    walk = _walk(x)
-    inside = core.astype(float)
-    mine, centre = core, line
-    reach = np.full(len(line), np.inf)
-    for again in range(ROUNDS):
-        fore, back = _histogram(cells, mine & known, channels), _histogram(cells, ~mine & known, channels)
-        ratio = np.log((fore[cells] + 1e-7) / (back[cells] + 1e-7))
+    line = (curve - lo) / step
+    return _Look(x, cells, known, line, *_from_axis(line, shape), step, lo)
+
+
+def _rounds(
+    look: _Look, core: np.ndarray, far: np.ndarray, slack: float, rounds: int, decide: bool, before: np.ndarray | None = None
+) -> np.ndarray:
+    """The random walker's map, shape (h, w), in [0, 1].
+
+    Args:
+        look: the samples.
+        core, far: surely object, surely background, shape (h, w), bool.
+        slack: see `_reach` [samples].
+        rounds: how often.
+        decide: weigh edges anew, see `Walk.solve`; not with marks, which must spread over what looks like them.
+        before: a map that is known already, shape (h, w).
+    """
+    core = core & ~far
+    channels = look.x.shape[2]
+    # what is surely background need not be solved for, but for a rim
+    walk = Walk.on(look.x, ndimage.binary_dilation(~far, iterations=2))
+    inside = core.astype(float) if before is None else before
+    mine = core if before is None else _at_axis(before, look.line)
+    centre, reach = look.line, np.full(len(look.line), np.inf)
+    for k in range(rounds):
+        again = k > 0 or before is not None
+        fore = _histogram(look.cells, mine & look.known, channels)
+        back = _histogram(look.cells, ~mine & look.known, channels)
+        ratio = np.log((fore[look.cells] + 1e-7) / (back[look.cells] + 1e-7))
         odds = np.clip(0.5 * ratio, -6, 6)
-        depth = np.zeros(shape)
+        depth = np.zeros(core.shape)
         if again:
-            within, centre = ribbon(x, odds, centre)
+            within, centre = ribbon(look.x, odds, centre)
             depth = _depth(within) - _depth(~within)
             odds += SHAPE * np.clip(depth / RIM, -1, 1)
         prior = 1 / (1 + np.exp(-odds))
         # a click beside the object has put its seeds on the background's colours
         sure = core & (ratio > -1.0)
-        beyond = far | ((off > reach[place]) & (ratio < CLEAR))
+        beyond = far | ((look.off > reach[look.place]) & (ratio < CLEAR))
         prior[sure], prior[beyond] = 1.0, 0.0
-        weight = np.where(known, PRIOR, 1e-6) + np.where(sure | beyond, SEED, 0.0)
-        inside = _solve(walk, weight, prior, inside)
-        mine = _at_axis(inside, line) | sure
-        reach = _reach(mine, line)
+        hold = np.where(look.known, PRIOR, 1e-6) + np.where(sure | beyond, SEED, 0.0)
+        inside = walk.solve(hold, prior, inside, again and decide)
+        mine = _at_axis(inside, look.line) | sure
+        reach = _reach(mine, look.line, slack)
         if again:
             mine = (mine | (depth > RIM)) & (depth > -RIM)
-    inside = _soft(inside)
-    return Foreground(inside, step, (float(lo[0]), float(lo[1])), length, *_half_width(inside, line, step, lo))
+    return inside
 
 
 def _from_axis(line: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
@@ -263,32 +298,18 @@ def _depth(mask: np.ndarray) -> np.ndarray:
     return np.asarray(ndimage.distance_transform_edt(np.pad(mask, 1)))[1:-1, 1:-1]
 
 
-def _reach(mine: np.ndarray, line: np.ndarray) -> np.ndarray:
-    """How far from each point of the axis the object may reach [samples].
+def _reach(mine: np.ndarray, line: np.ndarray, slack: float) -> np.ndarray:
+    """How far from each point of the axis the object may reach [samples]; `slack` on top of `UNEVEN` times its width.
 
     A roundish object is about as wide on one side of its axis as on the other, so what has leaked out on one side
     is cut off by the width of the other. Beyond its ends the axis may have been drawn short.
     """
-    depth = _depth(mine)
+    depth, length = _depth(mine), length_of(line)
     width = ndimage.map_coordinates(depth, line.T[::-1], order=1, mode="nearest")
     width = ndimage.maximum_filter1d(width, len(line) // 8, mode="nearest")
-    reach = UNEVEN * width + SLACK * AXIS
-    along = np.linspace(0, AXIS, len(line))
-    return np.maximum(reach, SHORT * AXIS - 2 * np.minimum(along, AXIS - along))
-
-
-def _solve(walk: _Walk, weight: np.ndarray, prior: np.ndarray, start: np.ndarray) -> np.ndarray:
-    """Conjugate gradients, preconditioned by the diagonal and by the system on blocks of samples."""
-    a = walk.laplacian + sparse.diags_array(weight.ravel())
-    inverse = 1 / a.diagonal()
-    coarse = splu((walk.coarse + sparse.diags_array(np.bincount(walk.block, weight.ravel()))).tocsc())
-
-    def rough(r: np.ndarray) -> np.ndarray:
-        return inverse * r + coarse.solve(np.bincount(walk.block, r))[walk.block]
-
-    both = LinearOperator(a.shape, matvec=rough)  # pyright: ignore[reportCallIssue]
-    x, _ = cg(a, (weight * prior).ravel(), x0=start.ravel(), rtol=1e-4, maxiter=600, M=both)
-    return x.reshape(weight.shape)
+    reach = UNEVEN * width + slack
+    along = np.linspace(0, length, len(line))
+    return np.maximum(reach, SHORT * length - 2 * np.minimum(along, length - along))
 
 
 def _soft(inside: np.ndarray) -> np.ndarray:
@@ -297,11 +318,11 @@ def _soft(inside: np.ndarray) -> np.ndarray:
 
 
 def _half_width(inside: np.ndarray, line: np.ndarray, step: float, lo: np.ndarray) -> tuple[float, np.ndarray]:
-    mask = _at_axis(inside, line)
+    mask, length = _at_axis(inside, line), length_of(line)
     if mask.any():
         line = _middle(mask, line)
     along = ndimage.map_coordinates(_depth(mask), line.T[::-1], order=1, mode="nearest")
-    return max(float(np.median(along)), 2.0) * step, _carried_on(mask, line) * step + lo
+    return max(float(np.median(along)), 2.0) * step, _carried_on(mask, line, length) * step + lo
 
 
 def _middle(mask: np.ndarray, line: np.ndarray) -> np.ndarray:
@@ -317,13 +338,13 @@ def _middle(mask: np.ndarray, line: np.ndarray) -> np.ndarray:
     return line
 
 
-def _carried_on(mask: np.ndarray, line: np.ndarray) -> np.ndarray:
-    """The axis [samples] with both ends carried on straight while they stay on the object, by half its length at most."""
+def _carried_on(mask: np.ndarray, line: np.ndarray, length: float) -> np.ndarray:
+    """The axis [samples] with both ends carried on straight while they stay on the object, by half of `length` at most."""
     pieces = [line]
     quarter = len(line) // 4
     for end, inner in ((0, quarter), (-1, -1 - quarter)):
         e = line[end] - line[inner]
-        run = line[end] + np.arange(1, len(line) // 2)[:, None] * (e / np.linalg.norm(e)) * (AXIS / len(line))
+        run = line[end] + np.arange(1, len(line) // 2)[:, None] * (e / np.linalg.norm(e)) * (length / len(line))
         on = ndimage.map_coordinates(mask.astype(float), run.T[::-1], order=1, mode="constant") > 0.5
         steps = len(on) if on.all() else int(np.argmin(on))
         pieces = [run[:steps][::-1], *pieces] if end == 0 else [*pieces, run[:steps]]

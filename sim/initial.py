@@ -13,7 +13,7 @@ from .surface import smooth_grid
 GATHER = 0.3
 """How much closer the rings of a closed tube stand at its ends than evenly: caps need them more than the body."""
 
-TURNING = 0.3
+TURNING = 0.15
 """Share of the rings dealt out by how much the meridians turn; the others by their length."""
 FINE = 20
 """Points of a meridian between two rings, for dealing them anew."""

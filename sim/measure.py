@@ -17,6 +17,8 @@ from .surface import refine, smooth_grid, volume_and_area
 
 REACH = 0.15
 """How far from the contour its edge is looked for, in half widths of the object."""
+STRONG = 0.2
+"""Least strength of an edge, beside the contour's typical one."""
 SURE = 0.9
 """Of the map: surely the object above, surely not below 1 - SURE."""
 
@@ -98,7 +100,7 @@ class Support:
 def contour_support(
     points: np.ndarray, normals: np.ndarray, potential: Potential, inside: np.ndarray, half_width: float
 ) -> Support:
-    """Looks for the strongest edge along the normal of each contour point.
+    """Looks for the nearest strong edge along the normal of each contour point.
 
     Args:
         points, normals: of the contour, shape (n, 2), image px.
@@ -114,15 +116,19 @@ def contour_support(
     t = np.arange(-np.ceil(reach / step * 2), np.ceil(reach / step * 2) + 1) * (step / 2)
     at = (points[:, None] + t[:, None] * normals[:, None] - np.array(potential.origin)) / step
     profile = ndimage.map_coordinates(potential.magnitude, [at[..., 1], at[..., 0]], order=3, mode="constant")
-    best = np.clip(profile.argmax(axis=1), 1, len(t) - 2)
+    typical = np.quantile(profile.max(axis=1), 0.75) if len(points) else 0.0
+    # the nearest strong edge; beside a busy ground it need not be the strongest
+    inner = profile[:, 1:-1]
+    edge = (inner >= profile[:, :-2]) & (inner >= profile[:, 2:]) & (inner > STRONG * typical)
+    nearest = np.where(edge, np.abs(t[1:-1]), np.inf).argmin(axis=1)
+    best = 1 + np.where(edge.any(axis=1), nearest, inner.argmax(axis=1))
     rows = np.arange(len(points))
     low, peak, high = profile[rows, best - 1], profile[rows, best], profile[rows, best + 1]
     curve = low - 2 * peak + high
     shift = np.where(curve < -1e-12, 0.5 * (low - high) / np.where(curve < -1e-12, curve, -1.0), 0.0)
     offset = np.interp(best + np.clip(shift, -1, 1), np.arange(len(t)), t)
-    typical = np.quantile(peak, 0.75) if len(peak) else 0.0
     here = ndimage.map_coordinates(potential.magnitude, _at(points, potential), order=1, mode="constant")
-    supported = (peak > 0.2 * typical) & (here > 0.1 * typical) & (np.abs(offset) < max(1.5 * step, 0.06 * half_width))
+    supported = (peak > STRONG * typical) & (here > 0.1 * typical) & (np.abs(offset) < max(1.5 * step, 0.06 * half_width))
     if inside.size:
         within = ndimage.map_coordinates(inside, _at(points - reach * normals, potential), order=1, mode="constant")
         beyond = ndimage.map_coordinates(inside, _at(points + reach * normals, potential), order=1, mode="constant")

@@ -22,6 +22,10 @@ SMOOTH = 2.1
 """Sigma [samples] from which differences of neighbours serve as derivatives of an edge's strength."""
 FLOOR = 0.03
 """Share of the strongest edge below which an edge pulls less and less."""
+THIN, THICK = 4.0, 6.0
+"""Depth of the map's object, in sigmas, below which its two edges disturb each other, and above which they do not."""
+LOUDER, FURTHER = 0.1, 2.0
+"""FLOOR of the map's word where the object is thin, and how much stronger the map's push is there."""
 AROUND = 1.0
 """What is looked at beyond the map's object, in half widths."""
 RANGE = 3.0
@@ -34,6 +38,12 @@ COARSEST, FALL, FINEST, FINEST_PX = 0.3, 0.5, 0.014, 1.0
 """First sigma, ratio of one to the next, last sigma: in half widths of the object, the last not below FINEST_PX samples."""
 
 
+SLOWLY = 0.3
+"""Sigma, in half widths of the object, over which what shading adds to the pull is averaged along the outline."""
+ON = 0.3
+"""How near to the edge that is told, in its own blurs."""
+STRAY = 0.06
+"""How far it may be from that average [blurs]."""
 LIMB = float(np.sqrt(2) * gamma(0.75) / gamma(0.25))
 """Pull of a root of the distance to an edge, at the edge [sigmas]: grad P / P of its slope, convolved with a Gaussian."""
 
@@ -146,7 +156,10 @@ class ScaleSpace:
             on = (m.axis - m.origin) / m.step
             first = np.maximum(first, np.minimum(hit.min(0, initial=w + h), on.min(0)) - around)
             last = np.minimum(last, np.maximum(hit.max(0, initial=0), on.max(0)) + around)
-        return np.array(m.origin) + first * m.step, np.maximum(last - first, 8.0) * m.step
+        origin, extent = np.array(m.origin) + first * m.step, np.maximum(last - first, 8.0) * m.step
+        # between the pixels would blur a small image more than its finest sigma does
+        whole = np.floor(origin) if self.step == 1 else origin
+        return whole, extent + origin - whole
 
     def _map_at_step(self) -> np.ndarray:
         m = self.map
@@ -215,14 +228,16 @@ class ScaleSpace:
             # per image px, as (11) says; one factor a scale, as if in beta
             unit = np.sqrt(2 * np.pi) * sigma**3
             return self._potential(sigma, [*(slope * unit / self.step**2), nothing, nothing], p)
-        floor = self._floor(p)
         pull = self._pull(s, p, slope)
-        if finest:
-            pull -= self._limb(s, weight, p, pull)
+        thin = self._thin(s)
+        if finest and sure is not None:
+            pull -= (1 - thin) * self._limb(s, weight, p, pull)
         pull *= np.minimum(1.0, RANGE * s / np.maximum(np.linalg.norm(pull, axis=0), 1e-12)) * self.step
         if sure is None:
             return self._potential(sigma, [*pull, nothing, nothing], p)
-        unsaid = self._pressure(sigma, sure) * floor / (p + floor)
+        # in a tip either side's edge also draws the other side's contour: there the map must speak up
+        loud = self._floor(p) * (1 + (LOUDER / FLOOR - 1) * thin)
+        unsaid = self._pressure(sigma, sure) * (1 + (FURTHER - 1) * thin) * loud / (p + loud)
         return self._potential(sigma, [*pull, unsaid, self._pole(sigma, sure)], p)
 
     def _pull(self, s: float, p: np.ndarray, slope: np.ndarray) -> np.ndarray:
@@ -246,7 +261,21 @@ class ScaleSpace:
         y = 2 * d / (b + np.sqrt(b**2 + 4 * two * (1 - d) * d) + 1e-12)
         # at the edge alone, where twice the blur halves a step and takes 1 / sqrt(2) of a root; beside it both grow
         at_edge = np.clip((p / (p_wide + 1e-12) - 1) / (two - 1), 0, 1)
-        return change * (at_edge * blur * LIMB * y / (1 + y) / size)
+        # shading changes slowly along the outline, texture and clutter do not
+        rows, cols = np.gradient(self._smooth(self.inside, GATE * self.map.step / self.step))
+        normal = np.stack([cols, rows]) / (np.hypot(cols, rows) + 1e-12)
+        across = (change * normal).sum(axis=0) * (blur * LIMB * y / (1 + y) / size)
+        off = (pull * normal).sum(axis=0) - at_edge * across
+        here = p * at_edge * np.exp(-0.5 * (off / (ON * blur)) ** 2)
+        wide = SLOWLY * self.map.half_width / self.step
+        mean = self._smooth(here * across, wide) / (self._smooth(here, wide) + 1e-12)
+        return normal * at_edge * (mean + np.clip(across - mean, -STRAY * blur, STRAY * blur))
+
+    def _thin(self, s: float) -> np.ndarray:
+        """1 where the map's object is less deep than `THIN` s nearby, 0 where it is deeper than `THICK` s; s in samples."""
+        depth = ndimage.distance_transform_edt(self.inside > 0.5)
+        deepest = ndimage.maximum_filter(depth, 2 * int(np.ceil(1.3 * THICK * s)) + 1)  # pyright: ignore
+        return np.clip((THICK - deepest / s) / (THICK - THIN), 0, 1)
 
     def _blur(self, s: float) -> float:
         """Sigma [samples] of a step edge smoothed by `s`: the pixels' own extent and the resampling blur it too."""

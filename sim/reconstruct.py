@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -23,9 +23,17 @@ CHECK = 10
 """Iterations between two looks at the residual."""
 COARSE = 3.0
 """How much more residual a coarse scale may keep: the next scale moves the tube further than that anyway."""
-REST = 4e-4
+REST = 2e-4
 """How far surface and closed ends may still move in `LOOK` iterations at the finest scale; rings within it may slide."""
 LOOK = 50
+TRAIL = 4
+"""Looks from which the limit is extrapolated."""
+AHEAD = 2e-4
+"""How far the extrapolated limit may still be."""
+LEAPS = 3
+"""How often a run leaps to the extrapolated limit before it may end."""
+LONGEST = 30.0
+"""Longest leap, in ways between two looks."""
 LOST = 1.0
 """Residual force at which the solver has diverged [initial spine lengths]."""
 LEAST_SHARE = 0.01
@@ -38,20 +46,20 @@ class Progress:
     """Where a run is; handed to the callback each iteration."""
 
     def __init__(self, scene: Assembly, stages: int):
-        self._scene = scene
+        self.scene = scene
         self.iteration, self.total = 0, scene.settings.iterations
         self.stage, self.stages, self.sigma, self.residual = 0, stages, 0.0, float("inf")
 
     def tube(self, k: int = 0) -> np.ndarray:
         """Nodes of tube k now, shape (N_x, N_s, 3), world units."""
-        return self._scene.world(k)[0]
+        return self.scene.world(k)[0]
 
     def spine(self, k: int = 0) -> np.ndarray:
         """Spine of tube k now, shape (N_s, 3), world units."""
-        return self._scene.world(k)[1]
+        return self.scene.world(k)[1]
 
 
-class _Loop:
+class Loop:
     """The iteration, captured as a graph and launched again and again; the step apart where it needs the host."""
 
     def __init__(self, scene: Assembly, careful: bool):
@@ -117,7 +125,7 @@ def reconstruct(
     lists = [space.sigmas for space in scene.spaces]
     stages = max(len(x) for x in lists)
     scene.set_material(1.0)
-    loop = _Loop(scene, careful=False)
+    loop = Loop(scene, careful=False)
     settings = replace(settings, scheme=loop.solver.name)
     lap("kernels")
     progress = Progress(scene, stages)
@@ -142,7 +150,7 @@ def reconstruct(
         tolerance = settings.tolerance * (1.0 if stage == stages - 1 else COARSE)
         # what earlier scales did not use is left to later ones
         end = progress.iteration + (settings.iterations - progress.iteration) // (stages - stage)
-        converged, moved, before = False, float("inf"), start[0]
+        converged, moved, trail, leaps = False, float("inf"), [start], 0
         while progress.iteration < end and not (converged or stopped or diverged):
             if progress.iteration % max(CHECK, settings.iterations // (10 * SNAPSHOTS)) == 0:
                 for k in range(len(tubes)):
@@ -150,14 +158,24 @@ def reconstruct(
             loop.run()
             progress.iteration += 1
             if stage == stages - 1 and (progress.iteration - begun) % LOOK == 0:
-                moved, before = scene.moved(before), scene.positions()[0]
+                moved = scene.moved(trail[-1][0])
+                trail = [*trail[1 - TRAIL :], scene.positions()]
             if progress.iteration % CHECK == 0 or progress.iteration == end:
                 progress.residual = loop.residual()
                 converged = progress.residual < tolerance and (stage < stages - 1 or moved < REST)
+                if converged and stage == stages - 1 and leaps < LEAPS:
+                    # what creeps does so for long, by less and less: go where that leads, unless it is here
+                    converged = False
+                    if len(trail) == TRAIL:
+                        tube, spine = limit(trail)
+                        converged = scene.moved(tube) < AHEAD
+                        if not converged:
+                            scene.rewind((tube, spine))
+                            leaps, moved, trail = leaps + 1, float("inf"), [scene.positions()]
                 if not progress.residual < LOST:
                     scene.rewind(start)
                     diverged, again = again, True
-                    loop = _Loop(scene, careful=True)
+                    loop = Loop(scene, careful=True)
             stopped = bool(callback and callback(progress))
         lap("solve")
         if stopped or diverged:
@@ -172,6 +190,30 @@ def reconstruct(
     pictures = [p[0].picture for p in potentials]
     foreground = scene.maps[0].in_image((h, w)) if settings.potential == "map" else None
     return Result(objects, pictures, foreground, seconds, settings)
+
+
+def limit(trail: Sequence[tuple[np.ndarray, ...]]) -> tuple[np.ndarray, ...]:
+    """Where states at equal steps of a linear relaxation lead, by reduced rank extrapolation.
+
+    The mean of the states, weighted so that the ways from one to the next cancel as well as they can; a few modes of
+    decay, as many as there are states less two, are met exactly. No further than `LONGEST` of the last ways.
+
+    Args:
+        trail: states in turn, three or more, each some arrays of the same shapes.
+
+    Returns:
+        arrays of those shapes.
+    """
+    states = np.array([np.concatenate([np.ravel(a) for a in state]) for state in trail], dtype=float)
+    ways = np.diff(states, axis=0)
+    gram = ways @ ways.T
+    # states rest on float32: what is smaller is no way
+    gram += (1e-10 * np.trace(gram) + 1e-30) * np.eye(len(gram))
+    weight = np.linalg.solve(gram, np.ones(len(gram)))
+    leap = weight / weight.sum() @ states[1:] - states[-1]
+    leap *= min(1.0, LONGEST * np.linalg.norm(ways[-1]) / max(np.linalg.norm(leap), 1e-30))
+    pieces = np.split(states[-1] + leap, np.cumsum([a.size for a in trail[0]])[:-1])
+    return tuple(p.reshape(a.shape).astype(a.dtype) for p, a in zip(pieces, trail[0], strict=True))
 
 
 def _thinned(history: list) -> list:

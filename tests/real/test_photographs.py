@@ -15,10 +15,10 @@ pytestmark = pytest.mark.skipif(
 BARS = {
     "pear_right": 0.93,
     "avocado_9": 0.93,
-    # 45 px wide, so that the outline's own 1.5 px weigh 0.06
-    "cucumber": 0.91,
-    # 21 px wide, with structures beside it of its own colour
-    "rocket": 0.79,
+    "cucumber": 0.93,
+    "aubergine": 0.93,
+    # 21 px wide, so that the outline's own 1.5 px weigh 0.14: the rocket's plain edges score .78, with its towers .83
+    "rocket": 0.80,
     "avocado_cutout": 0.93,
     "lightbulb_cutout": 0.93,
     "corn_cutout": 0.93,
@@ -33,10 +33,4 @@ def test_silhouette(name, record_property):
     iou = photographs.overlap(photographs.silhouette(result), truth)
     record_property("iou", iou)
     assert iou > BARS[name], f"IoU {iou:.3f}; {result.objects[0].warnings}"
-    assert result.objects[0].trusted or iou < 0.93, result.objects[0].warnings
-
-
-def test_a_map_that_leaks_is_not_trusted():
-    """The aubergine before black ones, a pink highlight on it and a pink palm below it: its colours do not part it."""
-    iou, trusted = photographs.attempt(*photographs.scene_and_outline("aubergine"))
-    assert iou > 0.93 or not trusted
+    assert result.objects[0].trusted == (iou > 0.93), result.objects[0].warnings
