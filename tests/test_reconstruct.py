@@ -56,7 +56,7 @@ def test_accuracy(pear, sample):
 
 @pytest.mark.parametrize("scheme", ["sor", "direct", "jacobi"])
 def test_every_scheme_finds_the_shape(pear, sample, scheme):
-    found = _solve(sample.image, sample.clicks, scheme=scheme)
+    found = _solve(sample.image, sample.clicks, scheme=scheme, iterations=12000)  # over-relaxation takes thousands
     assert found.converged and found.trusted
     assert _apart((found.vertices, found.faces), (pear.vertices, pear.faces), sample) < 0.1
 
