@@ -9,7 +9,7 @@ from pathlib import Path
 
 from symseek.device import start_quietly
 
-from . import ablation, accuracy, breaks, invariance, lines, photographs, rest, speed
+from . import ablation, accuracy, breaks, invariance, lines, photographs, rest, solvers, speed
 
 TABLES = {
     "accuracy": accuracy.main,
@@ -20,6 +20,7 @@ TABLES = {
     "photographs": photographs.main,
     "speed": speed.main,
     "lines": lines.main,
+    "solvers": solvers.main,
 }
 
 

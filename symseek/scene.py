@@ -28,7 +28,7 @@ STEP_MIN = 0.1  # px, between any two points
 
 # closed bounds of numbers, or the words allowed; what is not named here is bounded by its annotation alone
 SETTINGS_BOUNDS: Bounds = {
-    "scheme": ("adi", "jacobi", "euler"),
+    "scheme": ("auto", "adi", "jacobi", "euler", "sor", "direct"),
     "potential": ("map", "brightness"),
     "contour": ("subnode", "switch"),
     "force": ("normalised", "paper"),
