@@ -9,7 +9,7 @@ from pathlib import Path
 
 from symseek.device import start_quietly
 
-from . import ablation, accuracy, breaks, invariance, lines, photographs, rest, snakes, speed
+from . import ablation, accuracy, breaks, invariance, lines, photographs, rest, snakes, solvers, speed
 
 TABLES = {
     "accuracy": accuracy.main,
@@ -21,6 +21,7 @@ TABLES = {
     "snakes": snakes.main,
     "speed": speed.main,
     "lines": lines.main,
+    "solvers": solvers.main,
 }
 
 

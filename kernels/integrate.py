@@ -205,3 +205,133 @@ def advance(
         e = low_in[3 * rings + r] + momentum * spine_velocity_out[r]
         spine_velocity_out[r] = e
         spine_out[r] = spine_out[r] + e
+
+
+@wp.kernel(enable_backward=False)
+def join_modes(
+    # model
+    ring_tube: wp.array[int],
+    ring_node: wp.array[int],
+    ring_s: wp.array[int],
+    tube_nx: wp.array[int],
+    tube_ns: wp.array[int],
+    tube_ring: wp.array[int],
+    ring_closed: wp.array[int],
+    mu: wp.array[float],
+    gamma: wp.array[float],
+    spine_mu: wp.array[float],
+    spine_gamma: wp.array[float],
+    step: wp.array2d[float],
+    # state in
+    force_in: wp.array[wp.vec3],
+    spine_force_in: wp.array[wp.vec3],
+    velocity_in: wp.array[wp.vec3],
+    spine_velocity_in: wp.array[wp.vec3],
+    # scalars
+    rings: int,
+    means_apart: int,
+    h: float,
+    # out
+    delta_out: wp.array[wp.vec3],
+    low_out: wp.array[wp.vec3],
+    residual_out: wp.array[float],
+):
+    """Sets the right side of a step in which all modes of a ring go alike: dt R, or with mass 4 dt (R - gamma M u).
+
+    A step h above 0 says that there is mass. A closed end, one node, has the first entry of `low_out` for it; the other
+    rings of a closed tube have theirs for their means if `means_apart`. With mass, adds the square of the force that
+    would stop the ring in one step to the residual, which else would vanish at speed.
+    """
+    r = wp.tid()
+    k = ring_tube[r]
+    n = tube_nx[k]
+    start = ring_node[r]
+    share = float(1.0)
+    if ring_s[r] == 0 or ring_s[r] == tube_ns[k] - 1:
+        share = 0.5
+    scale = step[k, 0]
+    spine_scale = step[k, 2]
+    if h > 0.0:
+        scale *= 4.0
+        spine_scale *= 4.0
+    mean = wp.vec3(0.0)
+    push = wp.vec3(0.0)
+    for x in range(n):
+        i = start + x
+        f = force_in[i]
+        if h > 0.0:
+            f -= gamma[i] * share * velocity_in[i]
+            push += mu[i] / h * share * velocity_in[i]
+        delta_out[i] = scale * f
+        mean += f
+    mean /= float(n)
+    push /= float(n)
+    residual_out[r] = residual_out[r] + wp.dot(push, push)
+    low_out[r] = wp.vec3(0.0)
+    low_out[rings + r] = wp.vec3(0.0)
+    low_out[2 * rings + r] = wp.vec3(0.0)
+    if ring_closed[r] != 0:
+        low_out[r] = scale * mean
+        for x in range(n):
+            delta_out[start + x] = wp.vec3(0.0)
+    elif means_apart != 0 and ring_closed[tube_ring[k]] != 0:
+        low_out[r] = scale * mean
+        for x in range(n):
+            delta_out[start + x] = delta_out[start + x] - scale * mean
+    g = spine_force_in[r]
+    if h > 0.0:
+        g -= spine_gamma[r] * share * spine_velocity_in[r]
+    low_out[3 * rings + r] = spine_scale * g
+
+
+@wp.kernel(enable_backward=False)
+def advance_mass(
+    # model
+    node_ring: wp.array[int],
+    ring_node: wp.array[int],
+    # state in
+    delta_in: wp.array[wp.vec3],
+    low_in: wp.array[wp.vec3],
+    # scalars
+    rings: int,
+    h: float,
+    # out
+    tube_out: wp.array[wp.vec3],
+    spine_out: wp.array[wp.vec3],
+    velocity_out: wp.array[wp.vec3],
+    spine_velocity_out: wp.array[wp.vec3],
+):
+    """Adds the change of the step, D' - D, to the velocity D / h of tube and spine; moves them by D' ((10) with mass)."""
+    i = wp.tid()
+    r = node_ring[i]
+    u = velocity_out[i] + (delta_in[i] + low_in[r]) / h
+    velocity_out[i] = u
+    tube_out[i] = tube_out[i] + h * u
+    if i == ring_node[r]:
+        e = spine_velocity_out[r] + low_in[3 * rings + r] / h
+        spine_velocity_out[r] = e
+        spine_out[r] = spine_out[r] + h * e
+
+
+@wp.kernel(enable_backward=False)
+def relax_color(
+    # model
+    order: wp.array[int],
+    row: wp.array[int],
+    column: wp.array[int],
+    entry: wp.array[float],
+    inverse: wp.array[float],
+    # state in
+    rhs_in: wp.array[wp.vec3],
+    # scalars
+    first: int,
+    omega: float,
+    # out
+    x_out: wp.array[wp.vec3],
+):
+    """Over-relaxes the unknowns of one colour, which do not meet in the matrix (section 5: an analogue of SOR)."""
+    i = order[first + wp.tid()]
+    left = rhs_in[i]
+    for j in range(row[i], row[i + 1]):
+        left -= entry[j] * x_out[column[j]]
+    x_out[i] = x_out[i] + omega * inverse[i] * left

@@ -45,6 +45,7 @@ class Assembly(Fabric):
         model = Model([t.grid for t in tubes], [t.material.closed for t in tubes], len(views), sum(sizes), device)
         super().__init__(model, tubes, settings, device, self.lengths[0], axis_curve(self.axes[0]).mean(axis=0))
         self.model.set_cameras([self._own_camera(v.camera) for v in views])
+        self.model.image_load[:] = settings.gain * LINE_LOAD
         self._start()
         own = self._own_camera(camera)
         bodies = [

@@ -31,8 +31,8 @@ class Body:
         device: Warp device.
 
     Raises:
-        ValueError: an axis that is no list of world points, no radius, springs, a weight that does not fit, or too long
-            a step.
+        ValueError: an axis that is no list of world points, no radius, springs, a weight that does not fit, too long a step,
+            or mass that the scheme does not integrate.
     """
 
     def __init__(self, tubes: Sequence[Tube], settings: Settings | None = None, device: str = "cpu"):
@@ -107,3 +107,7 @@ class Body:
     def spine(self, k: int = 0) -> np.ndarray:
         """Spine of tube k now, shape (N_s, 3), world units."""
         return self._fabric.world(k)[1]
+
+    def velocity(self, k: int = 0) -> np.ndarray:
+        """Velocity of tube k over the last step with mass, shape (N_x, N_s, 3), world units per unit of time; 0 without."""
+        return self._fabric.velocity(k)

@@ -36,6 +36,13 @@ class Fabric:
         spine = self.state.spine.numpy()[self.model.rings_of(k)]
         return tube * float(self.unit) + self.origin, spine * float(self.unit) + self.origin
 
+    def velocity(self, k: int) -> np.ndarray:
+        """Velocity of tube k with mass, shape (N_x, N_s, 3), world units per unit of time; 0 without mass."""
+        (nx, ns), nodes = self.tubes[k].grid, self.model.nodes_of(k)
+        if not self.model.mu.numpy().any():
+            return np.zeros((nx, ns, 3))
+        return self.state.velocity.numpy()[nodes].reshape(ns, nx, 3).transpose(1, 0, 2) * float(self.unit)
+
     def place(self, k: int, tube: np.ndarray, spine: np.ndarray) -> None:
         """Sets nodes of object k, shape (N_x, N_s, 3), and its spine (N_s, 3), in world units."""
         tubes, spines = self.positions()

@@ -36,6 +36,7 @@ PLACES = {
     "w20": Place(True), "C20": Place(True, low=SIGNED),
     "w11": Place(True, True, True), "C11": Place(True, True, True, SIGNED),
     "w02": Place(True), "C02": Place(True, low=SIGNED),
+    "mu": Place(True), "gamma": Place(True),
     "a": Place(), "reaction": Place(), "b": Place(), "c": Place(low=SIGNED), "c_balance": Place(), "d": Place(),
     "centre": Place(), "depth": Place(),
 }  # fmt: skip

@@ -58,6 +58,10 @@ class Material:
     """rigidity of the tube along (3)."""
     C02: Weight | None = None
     """natural curvature along, -n.d2v/ds2: above 0 a meridian bulges outward."""
+    mu: Weight = 0.0
+    """mass density of tube and spine (1); 0 is the motion of first order, in which dt is no time."""
+    gamma: Weight = 1.0
+    """viscosity of the medium (1)."""
     a: Weight = 1.0
     """spine to centroid of its ring (7)."""
     reaction: Weight = 0.1

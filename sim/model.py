@@ -62,6 +62,9 @@ class Model:
         shaped, torn: whether any tube has natural lengths or curvatures, and whether any has a gap.
         ring_far: importance for a ring's tangent of the j-th segment of the spine either way, shape (R, WINDOW).
         k1: tension factor K1 of the spine's edges, shape (R,).
+        mu, gamma: mass density and viscosity of the medium (1) of tube nodes, shape (N,).
+        spine_mu, spine_gamma: the same of spine nodes, shape (R,).
+        image_load: stiffness of the image's force, by unit of the contour's length and of s, shape (K,), on the host.
         eyes: cameras in each tube's units, shape (V,) (see `set_cameras`).
         fields: potential of each tube in each view, shape (K, V).
         samples: all potentials' samples, (pull column, pull row, pressure, pressure at a pole) [px].
@@ -123,6 +126,9 @@ class Model:
         self.ring_last, self.spine_last, self.look_last = (ints(ns_of - 1) for _ in range(3))
         self.shaped, self.torn = False, False
         self.k1 = wp.zeros(self.rings, dtype=float, device=device)
+        self.mu, self.spine_mu = (wp.zeros(n, dtype=float, device=device) for n in (self.nodes, self.rings))
+        self.gamma, self.spine_gamma = (wp.ones(n, dtype=float, device=device) for n in (self.nodes, self.rings))
+        self.image_load = np.zeros(self.tubes)
         self.depth_rest = wp.zeros(self.rings, dtype=float, device=device)
         self.eyes = wp.zeros(max(views, 1), dtype=projection.Eye, device=device)  # pyright: ignore
         self.fields = wp.zeros((self.tubes, views), dtype=image.Field, device=device)  # pyright: ignore
@@ -137,13 +143,14 @@ class Model:
         return slice(int(self.ring_start[k]), int(self.ring_start[k + 1]))
 
     def stiffness(self, share: float) -> dict[str, np.ndarray]:
-        """Weights as matrices take them, none below 0: w10, w20, w01, w02, shape (N,), w1 and w2, shape (R,), float64.
+        """Weights as matrices take them, none below 0: w10, w20, w11, w01, w02, shape (N,), w1 and w2, shape (R,), float64.
 
         The spine's tension holds that of its least lengths, and all tensions `share` of what natural shapes can make of
         them: half of that bears any step, the whole bounds what an explicit step meets. What compression makes negative
         stays outside.
         """
-        host = {name: getattr(self, name).numpy().astype(float) for name in ("w10", "w20", "w01", "w02", "w1", "w2")}
+        names = ("w10", "w20", "w11", "w01", "w02", "w1", "w2")
+        host = {name: getattr(self, name).numpy().astype(float) for name in names}
         host["w1"] += self.k1.numpy()
         for edge in ("10", "01", "1"):
             host["w" + edge] += share * getattr(self, "bound" + edge).numpy()

@@ -113,8 +113,8 @@ class Sheet:
 class Settings:
     """How to solve; defaults serve every scene."""
 
-    scheme: str = "adi"
-    """"adi", "jacobi" or "euler"."""
+    scheme: str = "auto"
+    """"auto", or one of "adi", "jacobi", "euler", "sor", "direct" (section 5)."""
     potential: str = "map"
     """"map": foreground map and the image's own edges; "brightness": the paper's (11)."""
     contour: str = "subnode"
@@ -136,4 +136,6 @@ class Settings:
     slow: float | None = None
     """factor of the step for a ring's slow modes (acceleration); 1 is the plain scheme, None the scheme's own."""
     momentum: float = 0.9
-    """most share of a step that the next one repeats (acceleration of soft modes); 0 is the plain scheme."""
+    """most share of a step that the next one repeats (acceleration of soft modes); 0 is the plain scheme.
+
+    Like `slow`, it has no part in motion with mass."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 import warp as wp
@@ -87,7 +88,7 @@ class Progress:
 
 
 class Loop:
-    """The iteration, captured as a graph and launched again and again.
+    """The iteration, captured as a graph and launched again and again; the step apart where it needs the host.
 
     Args:
         scene: model, state, weights and settings, their weights written.
@@ -103,25 +104,31 @@ class Loop:
 
     def _capture(self) -> None:
         scene, s = self.scene, self.scene.settings
-        self.forms = scene.model.shaped, scene.model.torn
+        self.forms = self._forms()
         if scene.model.torn:
             wp.load_module(rim, device=scene.device)
         with wp.ScopedCapture(device=scene.device, force_module_load=False) as capture:
             add_forces(scene.model, scene.state, s.contour, s.force == "paper", s.tau)
             scene.springs.add_forces(scene.model.eyes, scene.state.tube, scene.state.force)
-            self.solver.step(scene.state)
-            scene.springs.give_back(scene.state.tube, scene.state.velocity)
+            if self.solver.captured:
+                self._step()
         assert capture.graph is not None
         self.graph = capture.graph
 
     def set_material(self, share: float | None = None) -> None:
         """Writes the weights anew and makes the factors again that depend on what changed; see `Assembly.set_material`."""
-        changed = self.scene.set_material(share)
+        changed, mass = self.scene.set_material(share), self.solver.mass
         if changed:
             self.solver.material_changed(changed)
             self.scene.springs.take_implicitly(self._step_under)
-        if (self.scene.model.shaped, self.scene.model.torn) != self.forms:
+        if self.solver.mass != mass:  # what was repeated of the last step is no velocity
+            self.scene.stand_still()
+        if self._forms() != self.forms:
             self._capture()
+
+    def _forms(self) -> tuple:
+        """What a graph has frozen of model and solver."""
+        return self.scene.model.shaped, self.scene.model.torn, *self.solver.form
 
     def hold_springs(self, iteration: int) -> None:
         """Lets springs take hold and let go, and the scheme take them implicitly."""
@@ -129,15 +136,24 @@ class Loop:
         self.scene.springs.take_implicitly(self._step_under)
 
     def _step_under(self, load: np.ndarray) -> np.ndarray:
-        """Step of nodes at rest under a load, both (N,) and in one direction."""
+        """Step of nodes at rest under a load, both (N,) and in one direction; none with mass, where springs are explicit."""
+        if self.solver.mass:
+            return np.zeros(len(load))
         trial = State(self.scene.model)
         trial.force.assign((load[:, None] * [1.0, 0.0, 0.0]).astype(np.float32))
         self.solver.step(trial)
         return trial.tube.numpy()[:, 0].astype(float)
 
+    def _step(self) -> None:
+        """The scheme's step, with the springs in it."""
+        self.solver.step(self.scene.state)
+        self.scene.springs.give_back(self.scene.state.tube, self.scene.state.velocity)
+
     def run(self) -> None:
         """One iteration."""
         wp.capture_launch(self.graph)
+        if not self.solver.captured:
+            self._step()
         self.scene.time += self.solver.dt
 
     def residual(self) -> float:
@@ -159,7 +175,7 @@ def reconstruct(
     Args:
         views: the images; one for now.
         tubes: rough axes and materials.
-        settings: of the solver.
+        settings: of the solver; the result holds them with the scheme that "auto" chose.
         device: Warp device.
         callback: called each iteration; returning True stops the run.
 
@@ -167,7 +183,7 @@ def reconstruct(
         The objects with their measures, the potentials, seconds by phase.
 
     Raises:
-        ValueError: the scheme cannot bear the step.
+        ValueError: the scheme cannot bear the step, mass, or the material.
     """
     settings = settings or Settings()
     clock, seconds = time.perf_counter(), {}
@@ -186,6 +202,7 @@ def reconstruct(
     stages = max(len(x) for x in lists)
     scene.set_material(1.0)
     loop = Loop(scene, careful=False)
+    settings = replace(settings, scheme=loop.solver.name)
     lap("kernels")
     progress = Progress(scene, stages)
     history: list[list] = [[] for _ in tubes]
@@ -228,7 +245,7 @@ def reconstruct(
                 at_rest = progress.residual < tolerance and (stage < stages - 1 or moved < REST)
                 pending = scene.springs.pending(progress.iteration) or not scene.weights.settled(scene.time)
                 converged = at_rest and not (stage == stages - 1 and pending)
-                if converged and stage == stages - 1 and leaps < LEAPS:
+                if converged and stage == stages - 1 and leaps < LEAPS and not loop.solver.mass:
                     # what creeps does so for long, by less and less: go where that leads, unless it is here
                     converged = False
                     if len(trail) == TRAIL:

@@ -36,7 +36,7 @@ class ObjectResult:
     spine: np.ndarray
     """shape (1, N_s, 3)."""
     velocity: np.ndarray
-    """shape (1, N_x, N_s, 3); 0 for a still scene."""
+    """shape (1, N_x, N_s, 3), over the last step with mass [world units per unit of time]; 0 without."""
     vertices: np.ndarray
     """of the smooth watertight surface, shape (V, 3)."""
     faces: np.ndarray
@@ -115,7 +115,7 @@ def finish(
         name=scene.tubes[k].name,
         tube=nodes[None],
         spine=spine[None],
-        velocity=np.zeros_like(nodes)[None],
+        velocity=scene.velocity(k)[None],
         vertices=vertices,
         faces=faces,
         contour=[p for p, _ in pieces],

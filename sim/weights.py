@@ -76,9 +76,9 @@ class Weights:
             Names of the model's arrays, and of the columns of `coupling`, that are not as they were.
         """
         m = self.model
-        fresh = {n: np.zeros(m.nodes) for n in ("w10", "w20", "w11", "w01", "w02", "bound10", "bound01")}
+        fresh = {n: np.zeros(m.nodes) for n in ("w10", "w20", "w11", "w01", "w02", "mu", "gamma", "bound10", "bound01")}
         fresh |= {n: np.zeros((m.nodes, 3)) for n in ("stretch10", "stretch01", "curvature")}
-        fresh |= {n: np.zeros(m.rings) for n in ("w1", "w2", "k1", "bound1")}
+        fresh |= {n: np.zeros(m.rings) for n in ("w1", "w2", "k1", "spine_mu", "spine_gamma", "bound1")}
         fresh |= {"spine_stretch": np.tile([-1.0, 0.0], (m.rings, 1)), "spine_curvature": np.zeros((m.rings, 2))}
         fresh |= {"bend_basis": np.zeros((m.rings, BEND_DEGREE + 1))}
         looks = ("ring_first", "ring_last", "spine_first", "spine_last", "look_first", "look_last")
@@ -95,10 +95,12 @@ class Weights:
             for at, gap in self.cuts[k]:
                 if gap:  # what carries a rim on straight
                     share[[at - 1, at + 2]] = 1.0
-            for name in ("w10", "w20", "w11", "w01", "w02"):
+            for name in ("w10", "w20", "w11", "w01", "w02", "mu", "gamma"):
                 fresh[name][nodes] = (f[name] * (share if name == "w02" else 1.0)).reshape(-1)
             for name in ("w1", "w2", "k1"):
                 fresh[name][rings] = f[name] * (self.share if name == "w2" else 1.0)
+            for name in ("mu", "gamma"):
+                fresh["spine_" + name][rings] = _mean(f[name])
             own, line = tube[nodes].reshape(ns, nx, 3), spine[rings]
             around = nx * np.linalg.norm(np.roll(own, -1, axis=1) - own, axis=2)
             along = (ns - 1) * np.linalg.norm(np.diff(own, axis=0, append=own[-1:]), axis=2)

@@ -24,7 +24,7 @@ METRES = {"px": 1e-3, "um": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "km": 1e3, "
 
 # closed bounds of numbers, or the words allowed; what is not named here is bounded by its annotation alone
 SETTINGS_BOUNDS: Bounds = {
-    "scheme": ("adi", "jacobi", "euler"),
+    "scheme": ("auto", "adi", "jacobi", "euler", "sor", "direct"),
     "potential": ("map", "brightness"),
     "contour": ("subnode", "switch"),
     "force": ("normalised", "paper"),

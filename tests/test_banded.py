@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import warp as wp
-from scipy.linalg import solveh_banded
+from scipy.linalg import solve, solveh_banded
 
 from symseek.kernels import integrate
 from symseek.sim.solvers.factor import cyclic_bands, factor_cyclic, factor_open, open_bands, solve_open
@@ -91,20 +91,20 @@ def test_cyclic_lines_against_a_dense_solve(n):
 @sizes
 @pytest.mark.parametrize("condition", [1e3, 1e7, 1e11])
 def test_stiff_lines_keep_four_digits_in_float32(n, condition):
-    """1 + dt K of uneven tension and rigidity up to a condition of 1e11: the error grows as the line's length."""
+    """1 + dt K of uneven tension and rigidity up to a condition of 1e11, against SciPy: 1e-4, less where lines are short."""
     rng = np.random.default_rng(n)
     tension, rigidity = rng.uniform(0, 1, (LINES, n)), rng.uniform(0.5, 1, (LINES, n))
     rhs = rng.normal(size=(LINES, n, 3))
-    for make, solve, dense, h in (
+    for make, on_device, dense, h in (
         (cyclic_bands, _solve_rings, reference.ring_stiffness, 1 / n),
         (open_bands, _solve_meridians, reference.open_stiffness, 1 / (n - 1)),
     ):
         dt = condition * h**4 / 16
         diagonal, first, second = make(tension, rigidity, h)
-        x = solve((1 + dt * diagonal, dt * first, dt * second), rhs)
+        x = on_device((1 + dt * diagonal, dt * first, dt * second), rhs)
         for j in range(LINES):
-            exact = np.linalg.solve(np.eye(n) + dt * dense(tension[j], rigidity[j]), rhs[j])
-            assert np.abs(x[j] - exact).max() < 2e-6 * n * np.abs(exact).max()
+            exact = solve(np.eye(n) + dt * dense(tension[j], rigidity[j]), rhs[j], assume_a="pos")
+            assert np.abs(x[j] - exact).max() < min(2e-6 * n, 1e-4) * np.abs(exact).max()
 
 
 @sizes

@@ -1,5 +1,7 @@
 """From an image and rough clicks to a surface: accuracy on one known solid, and what must not change it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -24,10 +26,15 @@ def pear(sample) -> ObjectResult:
     return _solve(sample.image, sample.clicks)
 
 
-def _solve(image, clicks, camera=None, grid=(25, 25), callback=None, **settings) -> ObjectResult:
+def _solve(image, clicks, camera=None, grid=(25, 25), callback=None, material=None, **settings) -> ObjectResult:
     view = View(np.ascontiguousarray(image), camera or Camera.orthographic())
-    result = reconstruct([view], [Tube(clicks, grid=grid)], Settings(**settings), callback=callback)
-    assert result.settings == Settings(**settings) and set(result.seconds) >= {"map", "solve"}
+    tube = Tube(clicks, grid=grid, material=material or Material())
+    result = reconstruct([view], [tube], Settings(**settings), callback=callback)
+    # what "auto" chose is told
+    asked = Settings(**settings)
+    assert result.settings == replace(asked, scheme="adi" if asked.scheme == "auto" else asked.scheme) and set(
+        result.seconds
+    ) >= {"map", "solve"}
     return result.objects[0]
 
 
@@ -45,6 +52,36 @@ def test_accuracy(pear, sample):
     assert pear.measures["supported_share"] > 0.95
     assert pear.measures["length"] == pytest.approx(sample.length, rel=0.02)
     assert pear.measures["volume"] == pytest.approx(truth.volume(pear.vertices, pear.faces))
+
+
+@pytest.mark.parametrize("scheme", ["sor", "direct", "jacobi"])
+def test_every_scheme_finds_the_shape(pear, sample, scheme):
+    found = _solve(sample.image, sample.clicks, scheme=scheme, iterations=12000)  # over-relaxation takes thousands
+    assert found.converged and found.trusted
+    assert _apart((found.vertices, found.faces), (pear.vertices, pear.faces), sample) < 0.1
+
+
+def test_mass_ends_near_and_tells_its_velocity(pear, sample):
+    """Damped motion of second order: world units per unit of time, the way of the last step of its own h."""
+    places = []
+
+    def watch(progress):
+        places.append(progress.tube())
+
+    material = Material(mu=0.05, gamma=0.5)
+    found = _solve(sample.image, sample.clicks, callback=watch, material=material, iterations=1500, step=0.25)
+    assert _apart((found.vertices, found.faces), (pear.vertices, pear.faces), sample) < 0.3
+    np.testing.assert_allclose(found.velocity[0], (places[-1] - places[-2]) / 0.25, atol=1e-3)
+    assert np.abs(found.velocity).max() > 0
+
+
+def test_a_step_too_long_is_refused_before_any_is_made(sample):
+    steps = []
+    with pytest.raises(ValueError, match=r"solver\.step = 9 is too long for alternating directions.*at most 0"):
+        _solve(sample.image, sample.clicks, step=9.0, callback=steps.append)
+    with pytest.raises(ValueError, match=r'"sor" does not integrate material\.mu'):
+        _solve(sample.image, sample.clicks, scheme="sor", material=Material(mu=0.1), callback=steps.append)
+    assert not steps
 
 
 def test_result_is_whole(pear):

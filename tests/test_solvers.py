@@ -11,7 +11,7 @@ from tests import reference
 from tests.rig import Rig, circles, even_spine
 
 NX, NS, DT, SLOW = 8, 7, 0.4, 3.0
-STEPS = {"adi": (DT, SLOW), "jacobi": (DT, SLOW), "euler": (0.1, 1.0)}
+STEPS = {"adi": (DT, SLOW), "jacobi": (DT, SLOW), "euler": (0.1, 1.0), "sor": (DT, 1.0), "direct": (DT, SLOW)}
 MASS = reference.end_mass(NS)
 B = np.linspace(0.5, 1.5, NS)
 schemes = pytest.mark.parametrize("scheme", SCHEMES)
