@@ -16,7 +16,7 @@ from .surface import occluding_contour, refine
 
 LEAST_SUPPORT = 0.6
 """Share of the contour that image data must support."""
-LEAST_AGREEMENT, LEAST_CERTAINTY = 0.965, 0.85
+LEAST_AGREEMENT, LEAST_CERTAINTY = 0.98, 0.85
 """Of the tube with the foreground map, and of the map itself; see `map_agreement`."""
 MOST_OUTSIDE = 0.02
 """Share of the contour that may lie beyond the image."""
