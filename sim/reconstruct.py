@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -200,6 +202,8 @@ def reconstruct(
         wp.load_module(module, device=device)
     lists = [space.sigmas for space in scene.spaces]
     stages = max(len(x) for x in lists)
+    every = [[x[max(0, len(x) - stages + stage)] for x in lists] for stage in range(stages)]
+    ahead = _potentials(scene, every)
     scene.set_material(1.0)
     loop = Loop(scene, careful=False)
     settings = replace(settings, scheme=loop.solver.name)
@@ -208,10 +212,8 @@ def reconstruct(
     history: list[list] = [[] for _ in tubes]
     potentials: list[list[Potential]] = []
     stopped, converged, diverged = False, False, False
-    for stage in range(stages):
-        sigmas = [x[max(0, len(x) - stages + stage)] for x in lists]
-        finest = stage == stages - 1
-        potentials.append([space.at(sigma, finest) for space, sigma in zip(scene.spaces, sigmas, strict=True)])
+    for stage, sigmas in enumerate(every):
+        potentials.append([made.result() for made in ahead[stage]])
         scene.set_potentials(potentials[-1])
         lap("potential")
         progress.stage, progress.sigma = stage, sigmas[0]
@@ -266,6 +268,8 @@ def reconstruct(
         lap("solve")
         if stopped or diverged:
             break
+    for made in (made for stage in ahead for made in stage):
+        made.cancel()  # of scales that were not reached
     objects = []
     for k in range(len(tubes)):
         history[k].append((*scene.world(k), progress.sigma, list(scene.weights.cuts[k])))
@@ -276,6 +280,17 @@ def reconstruct(
     pictures = [p[0].picture for p in potentials]
     foreground = scene.maps[0].in_image((h, w)) if settings.potential == "map" else None
     return Result(objects, pictures, foreground, seconds, settings)
+
+
+def _potentials(scene: Assembly, every: list[list[float]]) -> list[list[Future[Potential]]]:
+    """For each stage each tube's potential; those of finer scales are made while coarser ones are solved."""
+    pool = ThreadPoolExecutor(os.cpu_count())
+    ahead = [
+        [pool.submit(space.at, sigma, sigmas is every[-1]) for space, sigma in zip(scene.spaces, sigmas, strict=True)]
+        for sigmas in every
+    ]
+    pool.shutdown(wait=False)
+    return ahead
 
 
 def limit(trail: Sequence[tuple[np.ndarray, ...]]) -> tuple[np.ndarray, ...]:
