@@ -6,16 +6,13 @@ kind, with one thing changed in each row. Unbalanced expansion needs a c: the be
 
 from __future__ import annotations
 
-import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from symseek.device import start_quietly
 from symseek.scenes.synthetic import KINDS, Sample, make
 from symseek.sim.material import Material
 from symseek.sim.problem import Settings, Tube, View
@@ -23,6 +20,7 @@ from symseek.sim.reconstruct import reconstruct
 
 from . import truth
 from .accuracy import FAILED
+from .tables import as_text, command
 
 SEEDS = range(4001, 4001 + len(KINDS))
 """One shape of each kind; in no other benchmark."""
@@ -138,16 +136,6 @@ def number(value: float, digits: int) -> str:
     return f"{value:.{digits}f}" if abs(value) < 1000 else f"{value:.0e}"
 
 
-def as_text(rows: Sequence[Sequence[str]], markdown: bool) -> str:
-    """A table whose first row is its head; the first column is text, the others are numbers."""
-    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
-    text = [[row[0].ljust(widths[0]), *(c.rjust(w) for c, w in zip(row[1:], widths[1:], strict=True))] for row in rows]
-    if not markdown:
-        return "\n".join("  ".join(row) for row in text)
-    text.insert(1, ["-" * widths[0], *("-" * max(w - 1, 1) + ":" for w in widths[1:])])
-    return "\n".join("| " + " | ".join(row) + " |" for row in text)
-
-
 def measure(quick: bool = False) -> list[list[str]]:
     """Every row of the table, head first; in a quick run four shapes."""
     samples = [make(seed) for seed in (SEEDS[:4] if quick else SEEDS)]
@@ -172,17 +160,11 @@ def report(table: list[list[str]], count: int, markdown: bool) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(prog="benchmarks.ablation", description="What each of our changes is worth.")
-    parser.add_argument("--quick", action="store_true", help="four shapes")
-    parser.add_argument("--out", type=Path, help="file for the table (.md)")
-    given = parser.parse_args(arguments)
-    start_quietly()
-    table = measure(given.quick)
-    count = 4 if given.quick else len(SEEDS)
-    print(report(table, count, markdown=False), flush=True)
-    if given.out is not None:
-        given.out.write_text(report(table, count, markdown=True))
-    return 0
+    def run(quick: bool) -> Callable[[bool], str]:
+        table, count = measure(quick), 4 if quick else len(SEEDS)
+        return lambda markdown: report(table, count, markdown)
+
+    return command(arguments, "ablation", "What each of our changes is worth.", "four shapes", run)
 
 
 if __name__ == "__main__":

@@ -6,20 +6,17 @@ two surfaces of the same scene in % of the object's length: other grids against 
 
 from __future__ import annotations
 
-import argparse
 import sys
-from collections.abc import Sequence
-from pathlib import Path
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from symseek.device import start_quietly
 from symseek.scenes.synthetic import KINDS, make
 from symseek.sim.problem import Tube, View
 from symseek.sim.reconstruct import reconstruct
 
 from . import truth
-from .ablation import as_text
+from .tables import as_text, command
 
 SEEDS = range(5001, 5001 + len(KINDS))
 """One shape of each kind; in no other benchmark."""
@@ -50,16 +47,11 @@ def measure(quick: bool) -> list[list[str]]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(prog="benchmarks.invariance", description="Dependence on grid and image size.")
-    parser.add_argument("--quick", action="store_true", help="three shapes")
-    parser.add_argument("--out", type=Path, help="file for the table (.md)")
-    chosen = parser.parse_args(arguments)
-    start_quietly()
-    table = measure(chosen.quick)
-    print(as_text(table, markdown=False), flush=True)
-    if chosen.out is not None:
-        chosen.out.write_text(as_text(table, markdown=True) + "\n")
-    return 0
+    def run(quick: bool) -> Callable[[bool], str]:
+        table = measure(quick)
+        return lambda markdown: as_text(table, markdown)
+
+    return command(arguments, "invariance", "Dependence on grid and image size.", "three shapes", run)
 
 
 if __name__ == "__main__":

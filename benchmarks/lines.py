@@ -7,22 +7,19 @@ Worth as much as the machine was quiet.
 
 from __future__ import annotations
 
-import argparse
 import sys
 import time
 from collections.abc import Callable, Sequence
-from pathlib import Path
 
 import numba
 import numpy as np
 import warp as wp
 
-from symseek.device import start_quietly
 from symseek.sim.model import Model, State
 from symseek.sim.solvers import make_solver
 
 from .peers.line_solvers import Interleaved, Lapack, LineByLine, SparseFactors, Step
-from .speed import machine, report
+from .tables import Headed, command, headed, machine
 
 STEPS = (Step(25, 25), Step(64, 64), Step(128, 128), Step(512, 512), Step(25, 25, 43), Step(25, 25, 1000))
 LARGEST = 30_000
@@ -99,7 +96,7 @@ def rates(seconds: float) -> tuple[float, float]:
     return moved, 2 * len(x) * 100 / best(lambda: _chain(x, 100), seconds)
 
 
-def measure(quick: bool) -> list[tuple[str, list[list[str]]]]:
+def measure(quick: bool) -> Headed:
     """Headings and tables, head first."""
     seconds = SECONDS / 5 if quick else SECONDS
     moved, computed = rates(seconds)
@@ -118,17 +115,11 @@ def measure(quick: bool) -> list[tuple[str, list[list[str]]]]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(prog="benchmarks.lines", description="The elastic solve beside its peers.")
-    parser.add_argument("--quick", action="store_true", help="small grids, shorter timings")
-    parser.add_argument("--out", type=Path, help="file for the tables (.md)")
-    chosen = parser.parse_args(arguments)
-    start_quietly()
-    on = machine()  # before our own work raises the load
-    tables = measure(chosen.quick)
-    print(report(tables, on, markdown=False), flush=True)
-    if chosen.out is not None:
-        chosen.out.write_text(report(tables, on, markdown=True))
-    return 0
+    def run(quick: bool) -> Callable[[bool], str]:
+        on, tables = machine(), measure(quick)
+        return lambda markdown: headed(tables, on, markdown)
+
+    return command(arguments, "lines", "The elastic solve beside its peers.", "small grids, shorter timings", run)
 
 
 if __name__ == "__main__":

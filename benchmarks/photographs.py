@@ -7,11 +7,10 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,10 +19,9 @@ from PIL import Image, ImageDraw
 
 import symseek
 from symseek.cli import demos
-from symseek.device import start_quietly
 from symseek.scene import build
 
-from .ablation import as_text
+from .tables import as_text, command
 
 DATA = Path(os.environ.get("SYMSEEK_DATA", ""))
 AXES = DATA / "photo_axes.json"
@@ -118,19 +116,13 @@ def measure(quick: bool) -> list[list[str]]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(prog="benchmarks.photographs", description="Real photographs.")
-    parser.add_argument("--quick", action="store_true", help="one run with misses")
-    parser.add_argument("--out", type=Path, help="file for the table (.md)")
-    chosen = parser.parse_args(arguments)
-    if not here():
-        print("skipped: SYMSEEK_DATA does not name the folder with photo_axes.json and the photographs")
-        return 0
-    start_quietly()
-    table = measure(chosen.quick)
-    print(as_text(table, markdown=False), flush=True)
-    if chosen.out is not None:
-        chosen.out.write_text(as_text(table, markdown=True) + "\n")
-    return 0
+    def run(quick: bool) -> Callable[[bool], str]:
+        if not here():
+            return lambda markdown: "skipped: SYMSEEK_DATA does not name the folder with the photographs"
+        table = measure(quick)
+        return lambda markdown: as_text(table, markdown)
+
+    return command(arguments, "photographs", "Real photographs.", "one run with misses", run)
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ from symseek.sim.reconstruct import Loop, Progress, reconstruct
 from symseek.sim.surface import refine
 
 from . import truth
-from .ablation import as_text
+from .tables import as_text
 
 SEEDS = range(24024, 24046)
 """Two shapes of each kind; in no other benchmark."""

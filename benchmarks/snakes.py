@@ -9,13 +9,11 @@ distances between the smooth curve and the true outline.
 
 from __future__ import annotations
 
-import argparse
 import itertools
 import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from PIL import Image
@@ -24,12 +22,11 @@ from scipy.spatial import cKDTree
 from skimage.segmentation import active_contour
 
 from symseek.cli import demos
-from symseek.device import start_quietly
 from symseek.sim.curve import evenly
 from symseek.sim.problem import Snake, View
 from symseek.sim.snake import deform
 
-from .ablation import as_text
+from .tables import as_text, command
 
 RADIUS, SIZE, MIDDLE = 50.0, 200, (101.3, 98.7)
 NODES = (50, 100, 400)
@@ -142,16 +139,11 @@ def measure(quick: bool = False) -> tuple[list[list[str]], list[str]]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(prog="benchmarks.snakes", description="Snakes beside scikit-image's active_contour.")
-    parser.add_argument("--quick", action="store_true", help="fewer weights tried")
-    parser.add_argument("--out", type=Path, help="file for the table (.md)")
-    chosen_ = parser.parse_args(arguments)
-    start_quietly()
-    rows, notes = measure(chosen_.quick)
-    print("\n".join([as_text(rows, False), "", *notes, ""]), flush=True)
-    if chosen_.out is not None:
-        chosen_.out.write_text("\n".join([as_text(rows, True), "", *notes, ""]))
-    return 0
+    def run(quick: bool) -> Callable[[bool], str]:
+        rows, notes = measure(quick)
+        return lambda markdown: "\n".join([as_text(rows, markdown), "", *notes])
+
+    return command(arguments, "snakes", "Snakes beside scikit-image's active_contour.", "fewer weights tried", run)
 
 
 if __name__ == "__main__":

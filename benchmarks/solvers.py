@@ -6,16 +6,13 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 import time
-from collections.abc import Sequence
-from pathlib import Path
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import warp as wp
 
-from symseek.device import start_quietly
 from symseek.sim.assembly import LINE_LOAD
 from symseek.sim.camera import Camera
 from symseek.sim.force import add_forces
@@ -24,8 +21,7 @@ from symseek.sim.model import Model, State
 from symseek.sim.solvers import SCHEMES, Solver
 from symseek.sim.solvers.bounds import STRETCH
 
-from .ablation import as_text
-from .speed import machine
+from .tables import command, headed, machine
 
 GRIDS = (25, 64, 128)
 RIGIDITIES = (1, 10, 100)
@@ -225,26 +221,17 @@ def steps_against_theory(n: int) -> list[list[str]]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(prog="benchmarks.solvers", description="The schemes of section 5.")
-    parser.add_argument("--quick", action="store_true", help="two grids, fewer iterations")
-    parser.add_argument("--out", type=Path, help="file for the tables (.md)")
-    chosen = parser.parse_args(arguments)
-    start_quietly()
-    on = machine()
-    grids, rigidities, most = ((25, 64), (1, 100), 500) if chosen.quick else (GRIDS, RIGIDITIES, MOST)
-    tables = [
-        ("Plain (slow 1, momentum 0): iterations and time to a residual of 1e-3", claim(True, grids, rigidities, most)),
-        ("With slow modes and momentum (each scheme's own)", claim(False, grids, rigidities, most)),
-        ("Largest steps at 25 x 25", steps_against_theory(25)),
-    ]
-    pieces = [on, ""]
-    for heading, table in tables:
-        pieces += ["### " + heading, "", as_text(table, markdown=True), ""]
-    text = "\n".join(pieces)
-    print(text)
-    if chosen.out is not None:
-        chosen.out.write_text(text)
-    return 0
+    def run(quick: bool) -> Callable[[bool], str]:
+        on = machine()
+        grids, rigidities, most = ((25, 64), (1, 100), 500) if quick else (GRIDS, RIGIDITIES, MOST)
+        tables = [
+            ("Plain (slow 1, momentum 0): iterations and time to a residual of 1e-3", claim(True, grids, rigidities, most)),
+            ("With slow modes and momentum (each scheme's own)", claim(False, grids, rigidities, most)),
+            ("Largest steps at 25 x 25", steps_against_theory(25)),
+        ]
+        return lambda markdown: headed(tables, on, markdown)
+
+    return command(arguments, "solvers", "The schemes of section 5.", "two grids, fewer iterations", run)
 
 
 if __name__ == "__main__":

@@ -6,28 +6,22 @@ machine was quiet.
 
 from __future__ import annotations
 
-import argparse
-import os
-import platform
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
-import warp as wp
 
 import symseek
 from symseek import cli
-from symseek.device import start_quietly
 from symseek.scene import Scene
 from symseek.sim.assembly import Assembly
 from symseek.sim.force import add_forces
 from symseek.sim.reconstruct import LEAST_SHARE, Loop, reconstruct
 
-from .ablation import as_text
+from .tables import Headed, command, headed, machine
 
 RUNS = 5
 BATCH, BATCHES = 200, 9
@@ -39,22 +33,6 @@ STARTS = {
     "import symseek.reconstruct": ["-c", "from symseek import reconstruct"],
     "python alone": ["-c", ""],
 }
-
-
-def machine() -> str:
-    """What the timings were taken on."""
-    name = platform.processor() or platform.machine()
-    info = Path("/proc/cpuinfo")
-    if info.exists():
-        models = [x.partition(":")[2].strip() for x in info.read_text().splitlines() if x.startswith("model name")]
-        name = models[0] if models else name
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    threads = os.environ.get("OMP_NUM_THREADS", "not set")
-    load = f", load before {os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else ""
-    return (
-        f"{name}, {cores} cores, OMP_NUM_THREADS {threads}{load}; "
-        f"Python {platform.python_version()}, Warp {wp.config.version}, numpy {np.__version__}"
-    )
 
 
 def squash() -> Scene:
@@ -116,7 +94,7 @@ def start(arguments: Sequence[str], runs: int) -> float:
     return float(np.median(times[1:]))
 
 
-def measure(quick: bool = False) -> list[tuple[str, list[list[str]]]]:
+def measure(quick: bool = False) -> Headed:
     """Headings and tables, head first."""
     runs = 3 if quick else RUNS
     scene = squash()
@@ -134,26 +112,12 @@ def measure(quick: bool = False) -> list[tuple[str, list[list[str]]]]:
     ]
 
 
-def report(tables: list[tuple[str, list[list[str]]]], on: str, markdown: bool) -> str:
-    """All tables, and the machine above them."""
-    pieces = [on, ""]
-    for heading, table in tables:
-        pieces += [("### " if markdown else "") + heading, "", as_text(table, markdown), ""]
-    return "\n".join(pieces)
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(prog="benchmarks.speed", description="Timings.")
-    parser.add_argument("--quick", action="store_true", help="fewer runs")
-    parser.add_argument("--out", type=Path, help="file for the tables (.md)")
-    chosen = parser.parse_args(arguments)
-    start_quietly()
-    on = machine()  # before our own work raises the load
-    tables = measure(chosen.quick)
-    print(report(tables, on, markdown=False), flush=True)
-    if chosen.out is not None:
-        chosen.out.write_text(report(tables, on, markdown=True))
-    return 0
+    def run(quick: bool) -> Callable[[bool], str]:
+        on, tables = machine(), measure(quick)
+        return lambda markdown: headed(tables, on, markdown)
+
+    return command(arguments, "speed", "Timings.", "fewer runs", run)
 
 
 if __name__ == "__main__":
