@@ -189,10 +189,6 @@ def _even(degrees: float):
     return lambda u: np.full_like(u, np.radians(degrees))
 
 
-def _knots(places, values):
-    return PchipInterpolator(np.asarray(places, float), np.asarray(values, float))
-
-
 def _smooth_step(u: np.ndarray, place: float, width: float) -> np.ndarray:
     return 0.5 * (1 + np.tanh((u - place) / width))
 

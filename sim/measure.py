@@ -83,9 +83,8 @@ def map_agreement(tube: np.ndarray, camera: Camera, map_: Foreground, cuts: Sequ
         share of what may be the object by the map that surely is.
     """
     mask = _silhouette(tube, camera, map_, cuts)
-    labels = ndimage.label(map_.inside > 0.5)[0]  # pyright: ignore
-    shared = np.bincount(labels[mask], minlength=2)
-    whole = np.bincount(labels.ravel(), minlength=len(shared))
+    labels, count = ndimage.label(map_.inside > 0.5)  # pyright: ignore
+    shared, whole = (np.bincount(of, minlength=max(count, 1) + 1) for of in (labels[mask], labels.ravel()))
     # one piece of the map, but for a tube in several
     object_ = labels == 1 + shared[1:].argmax()
     if any(gap for _, gap in cuts):
@@ -115,6 +114,17 @@ class Support:
 
     supported: np.ndarray
     offset: np.ndarray
+
+
+def support_measures(found: Sequence[Support]) -> dict[str, Any]:
+    """Of all pieces of a contour: share that image data supports; mean, 95 % and largest distance to edges [image px]."""
+    flags = np.concatenate([s.supported for s in found] or [np.zeros(0, bool)])
+    offsets = np.abs(np.concatenate([s.offset for s in found] or [np.zeros(0)]))[flags]
+    residual = {
+        name: float(f(offsets)) if len(offsets) else float("nan")
+        for name, f in (("mean", np.mean), ("p95", lambda x: np.quantile(x, 0.95)), ("max", np.max))
+    }
+    return {"supported_share": float(flags.mean()) if len(flags) else 0.0, "contour_residual_px": residual}
 
 
 def contour_support(

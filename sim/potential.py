@@ -41,9 +41,9 @@ COARSEST, FALL, FINEST, FINEST_PX = 0.3, 0.5, 0.014, 1.0
 SLOWLY = 0.3
 """Sigma, in half widths of the object, over which what shading adds to the pull is averaged along the outline."""
 ON = 0.3
-"""How near to the edge that is told, in its own blurs."""
+"""How far from an edge what is averaged may lie [blurs]."""
 STRAY = 0.06
-"""How far it may be from that average [blurs]."""
+"""How far what shading adds may depart from that average [blurs]."""
 LIMB = float(np.sqrt(2) * gamma(0.75) / gamma(0.25))
 """Pull of a root of the distance to an edge, at the edge [sigmas]: grad P / P of its slope, convolved with a Gaussian."""
 
@@ -204,7 +204,7 @@ class ScaleSpace:
 
         Args:
             sigma: of the smoothing.
-            finest: the last one, whose pull is carried on to sigma 0.
+            finest: the last one, whose pull is carried on to sigma 0 where there is a map.
         """
         if sigma > COARSE * self.step:
             return self._half.at(sigma, finest)

@@ -9,7 +9,7 @@ import numpy as np
 
 from .assembly import Assembly
 from .fields import Cut
-from .measure import contour_support, map_agreement, shape_measures
+from .measure import contour_support, map_agreement, shape_measures, support_measures
 from .potential import Potential, PotentialPicture
 from .problem import Settings
 from .surface import occluding_contour, refine
@@ -96,13 +96,7 @@ def finish(
     space = scene.spaces[k]
     inside = space.inside if scene.settings.potential == "map" else np.zeros((0, 0))
     support = [contour_support(p, n, potential, inside, scene.maps[k].half_width) for p, n in pieces]
-    flags = np.concatenate([s.supported for s in support] or [np.zeros(0, bool)])
-    offsets = np.abs(np.concatenate([s.offset for s in support] or [np.zeros(0)]))[flags]
-    measures["supported_share"] = float(flags.mean()) if len(flags) else 0.0
-    measures["contour_residual_px"] = {
-        name: float(f(offsets)) if len(offsets) else float("nan")
-        for name, f in (("mean", np.mean), ("p95", lambda x: np.quantile(x, 0.95)), ("max", np.max))
-    }
+    measures |= support_measures(support)
     if scene.settings.potential == "map":
         agreement = map_agreement(nodes, scene.views[0].camera, scene.maps[k], cuts)
         measures["map_agreement"], measures["map_certainty"] = agreement

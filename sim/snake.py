@@ -15,7 +15,7 @@ from ..kernels import sheet as sheet_kernels
 from ..kernels import spring as spring_kernels
 from .camera import Camera
 from .curve import border, evenly, shoelace
-from .measure import contour_support
+from .measure import contour_support, support_measures
 from .potential import RANGE, Potential
 from .problem import Settings, Sheet, Snake, View
 from .reconstruct import CHECK, LOOK, REST, SNAPSHOTS, _thinned
@@ -209,12 +209,8 @@ def _finish(
             normals = -normals
         inside = space.inside if space.settings.potential == "map" else np.zeros((0, 0))
         found = contour_support(line, normals, potential, inside, space.map.half_width)
-        flags, offsets = found.supported, np.abs(found.offset)[found.supported]
-        measures["supported_share"] = float(flags.mean())
-        measures["contour_residual_px"] = {
-            name: float(f(offsets)) if len(offsets) else float("nan")
-            for name, f in (("mean", np.mean), ("p95", lambda x: np.quantile(x, 0.95)), ("max", np.max))
-        }
+        flags = found.supported
+        measures |= support_measures([found])
         if measures["supported_share"] < LEAST_SUPPORT:
             warnings.append(
                 f"only {measures['supported_share']:.0%} of the outline lies on edges of the image: check the overlay, draw"

@@ -131,6 +131,16 @@ def test_agreement_with_a_map_moved_aside():
         assert both / (2 - both) < found < both / (2 - both) + 0.05
 
 
+def test_agreement_of_two_pieces_beside_something_else():
+    """What lies apart in the map, after the object in its order of rows or before, is no part of a tube with a gap."""
+    tube, cuts = _ellipsoid()[0], [(12, True)]
+    for place in (slice(0, 5), slice(-5, None)):
+        map_ = _map_beside(0.0)
+        alone = map_agreement(tube, Camera.orthographic(), map_, cuts)[0]
+        map_.inside[place, :5] = 1.0
+        assert map_agreement(tube, Camera.orthographic(), map_, cuts)[0] == alone > 0.9
+
+
 @pytest.mark.parametrize("unsure", [0.1, 0.5])
 def test_certainty_of_a_soft_map(unsure):
     """Surely inside within 1 - 0.4 `unsure` of the outline, maybe within 1 + 0.4 `unsure`."""
