@@ -16,8 +16,9 @@ import numpy as np
 
 from symseek.device import start_quietly
 from symseek.scenes.synthetic import Sample, make
+from symseek.sim.loop import Loop
 from symseek.sim.problem import Settings, Tube, View
-from symseek.sim.reconstruct import Loop, Progress, reconstruct
+from symseek.sim.reconstruct import Progress, reconstruct
 from symseek.sim.surface import refine
 
 from . import truth
@@ -49,7 +50,7 @@ def measure(sample: Sample, times: float = 1.0, settings: Settings | None = None
     found = reconstruct(
         [View(sample.image)], [Tube(sample.clicks)], settings, callback=lambda p: None if kept else kept.append(p)
     ).objects[0]
-    scene = kept[0].scene
+    scene = kept[0].parts[0].scene
     before = scene.world(0)[0]
     loop = Loop(scene, careful=False)
     for _ in range(round(times * found.iterations)):

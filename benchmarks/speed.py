@@ -17,9 +17,11 @@ import numpy as np
 import symseek
 from symseek import cli
 from symseek.scene import Scene
-from symseek.sim.assembly import Assembly
+from symseek.sim.assembly import Assembly, maps_of
 from symseek.sim.force import add_forces
-from symseek.sim.reconstruct import LEAST_SHARE, Loop, reconstruct
+from symseek.sim.loop import Loop
+from symseek.sim.reconstruct import reconstruct
+from symseek.sim.relax import LEAST_SHARE
 
 from .tables import Headed, command, headed, machine
 
@@ -43,7 +45,7 @@ def squash() -> Scene:
 def iteration(scene: Scene, grid: tuple[int, int]) -> tuple[float, float]:
     """Microseconds of one iteration of one tube at the finest scale: as plain launches, as a captured graph."""
     tubes = [replace(tube, grid=grid) for tube in scene.tubes]
-    laid = Assembly(scene.views, tubes, scene.settings, "cpu")
+    laid = Assembly(scene.views, tubes, scene.settings, "cpu", maps_of(scene.views, tubes))
     space = laid.spaces[0]
     laid.set_potentials([space.at(space.sigmas[-1], finest=True)])
     laid.hold_depth()

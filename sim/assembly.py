@@ -23,22 +23,26 @@ LINE_LOAD = 0.04
 """Stiffness of the contour: force a displacement for each unit of contour length and of s."""
 
 
-class Assembly(Fabric):
-    """Maps, model and state of a problem; world units outside, initial spine lengths of the first tube within."""
+def maps_of(views: list[View], tubes: list[Tube]) -> list[Foreground]:
+    """The foreground map of each tube in the first view."""
+    view = views[0]
+    spines = [np.asarray(tube.spine, float) for tube in tubes]
+    flat = [spine if spine.shape[1] == 2 else view.camera.project(spine) for spine in spines]
+    return [foreground(view.image, axis, view.ignore, tube.not_here) for axis, tube in zip(flat, tubes, strict=True)]
 
-    def __init__(self, views: list[View], tubes: list[Tube], settings: Settings, device: str):
-        self.views = views
+
+class Assembly(Fabric):
+    """Scale spaces, model and state of some tubes; world units outside, initial spine lengths of the first within."""
+
+    def __init__(self, views: list[View], tubes: list[Tube], settings: Settings, device: str, maps: list[Foreground]):
+        self.views, self.maps = views, maps
         camera = views[0].camera
-        self.maps: list[Foreground] = []
-        self.spaces: list[ScaleSpace] = []
-        self.axes: list[np.ndarray] = []
-        for tube in tubes:
-            spine = np.asarray(tube.spine, float)
-            flat = spine if spine.shape[1] == 2 else camera.project(spine)
-            self.axes.append(lift(spine, camera, tube.depth) if spine.shape[1] == 2 else spine)
-            map_ = foreground(views[0].image, flat, views[0].ignore, tube.not_here)
-            self.maps.append(map_)
-            self.spaces.append(ScaleSpace(views[0], camera, map_, settings))
+        spines = [np.asarray(tube.spine, float) for tube in tubes]
+        self.axes = [
+            lift(spine, camera, tube.depth) if spine.shape[1] == 2 else spine
+            for spine, tube in zip(spines, tubes, strict=True)
+        ]
+        self.spaces = [ScaleSpace(views[0], camera, map_, settings) for map_ in maps]
         self.lengths = [length_of(axis_curve(a)) for a in self.axes]
         sizes = [int(np.prod(s.shape)) for s in self.spaces]
         self.sample_start = np.concatenate([[0], np.cumsum(sizes)])

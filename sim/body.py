@@ -10,10 +10,11 @@ from .fabric import Fabric
 from .fields import marks
 from .foreground import axis_curve, length_of
 from .initial import initial_tube
+from .loop import Loop
 from .material import Weight
 from .model import Model
 from .problem import Settings, Tube
-from .reconstruct import CHECK, Loop
+from .relax import CHECK
 
 
 class Body:

@@ -18,7 +18,7 @@ from .curve import border, evenly, shoelace
 from .measure import contour_support, support_measures
 from .potential import RANGE, Potential
 from .problem import Settings, Sheet, Snake, View
-from .reconstruct import CHECK, LOOK, REST, SNAPSHOTS, _thinned
+from .relax import CHECK, LOOK, REST, SNAPSHOTS, thinned
 from .result import LEAST_SUPPORT, MOST_OUTSIDE
 from .sheet import Sheets
 
@@ -167,7 +167,7 @@ def deform(
     for k in range(len(objects)):
         history[k].append((scene.world(k), scene.pulls(k), progress.sigma))
         results.append(
-            _finish(scene, k, potentials[progress.stage][k], _thinned(history[k]), progress.iteration, converged, diverged)
+            _finish(scene, k, potentials[progress.stage][k], thinned(history[k]), progress.iteration, converged, diverged)
         )
     lap("measure")
     h, w = views[0].image.shape[:2]

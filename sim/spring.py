@@ -98,9 +98,14 @@ class Springs:
     def __len__(self) -> int:
         return len(self.list)
 
+    @property
+    def events(self) -> set[int]:
+        """Iterations at which any takes hold or lets go."""
+        return {at for spring in self.list for at in (spring.start, spring.stop) if at is not None}
+
     def due(self, iteration: int) -> bool:
         """Whether any takes hold or lets go at this iteration."""
-        return any(iteration in (spring.start, spring.stop) for spring in self.list)
+        return iteration in self.events
 
     def lets_go(self, iteration: int) -> bool:
         """Whether any lets go at this iteration."""

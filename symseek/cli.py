@@ -109,7 +109,9 @@ def _run(options: argparse.Namespace, scene: str) -> int:
     if not device.kernels_compiled():
         show.line("compiling kernels, once on this machine ...")
     try:
-        result = run(scene, options.out, options.device, overrides=overrides, callback=show.progress, tell=show.line)
+        result = run(
+            scene, options.out, options.device, overrides=overrides, callback=show.progress, every=10, tell=show.line
+        )
     except SceneError as problem:
         show.end()
         print(f"symseek: {problem}", file=sys.stderr)

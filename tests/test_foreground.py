@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from symseek.sim.assembly import Assembly
+from symseek.sim.assembly import Assembly, maps_of
 from symseek.sim.camera import Camera
 from symseek.sim.foreground import axis_curve, foreground, length_of
 from symseek.sim.problem import Settings, Tube, View
@@ -99,7 +99,8 @@ def test_the_axis_moves_sideways_only(camera):
     seen = axis_curve(camera.project(spine))
     shift = seen.mean(0) - CENTRE - [0, 10]
     moved = Camera(np.array([[1, 0, -shift[0]], [0, 1, -shift[1]], [0, 0, 1]]) @ camera.matrix)
-    scene = Assembly([View(_scene(), moved)], [Tube(spine)], Settings(), "cpu")
+    views, tubes = [View(_scene(), moved)], [Tube(spine)]
+    scene = Assembly(views, tubes, Settings(), "cpu", maps_of(views, tubes))
     axis = scene._carried_on(0)
     np.testing.assert_allclose(moved.project(axis), scene.maps[0].axis, atol=1e-6)
     inner = np.abs(moved.project(axis)[:, 0] - CENTRE[0]) < 40

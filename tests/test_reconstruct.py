@@ -10,7 +10,8 @@ from symseek.scenes.synthetic import Sample, make
 from symseek.sim.camera import Camera
 from symseek.sim.material import Material
 from symseek.sim.problem import Settings, Tube, View
-from symseek.sim.reconstruct import LONGEST, ObjectResult, limit, reconstruct
+from symseek.sim.reconstruct import ObjectResult, reconstruct
+from symseek.sim.relax import LONGEST, limit
 
 SIZE = 256
 
@@ -104,6 +105,24 @@ def test_same_bits_twice(pear, sample):
     np.testing.assert_array_equal(again.tube, pear.tube)
     np.testing.assert_array_equal(again.spine, pear.spine)
     assert again.iterations == pear.iterations and again.measures == pear.measures
+
+
+def test_each_of_several_as_alone_and_on_any_threads(sample):
+    """Apart from each other, tubes of different grids end as they do alone, to the bit, each at its own iteration."""
+    other = make(5, kind="banana", size=SIZE)
+    image = np.concatenate([sample.image, other.image], axis=1)
+    tubes = [Tube(sample.clicks, name="pear"), Tube(np.add(other.clicks, [SIZE, 0]), name="banana", grid=(21, 31))]
+    alone = [reconstruct([View(image)], [tube]).objects[0] for tube in tubes]
+    assert alone[0].iterations != alone[1].iterations
+    for threads in (1, 2):
+        for one, own in zip(reconstruct([View(image)], tubes, threads=threads).objects, alone, strict=True):
+            np.testing.assert_array_equal(one.tube, own.tube)
+            assert one.iterations == own.iterations and one.measures == own.measures
+    seen = []
+    watched = reconstruct([View(image)], tubes, callback=lambda p: seen.append(p.iteration), every=50).objects
+    last = max(o.iterations for o in alone)
+    assert seen == [*range(50, last, 50), last]
+    np.testing.assert_array_equal(watched[1].tube, alone[1].tube)
 
 
 def test_callback_sees_each_iteration_and_stops(sample):

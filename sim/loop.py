@@ -1,0 +1,93 @@
+"""One iteration of a model, captured as a graph."""
+
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+import warp as wp
+
+from ..kernels import rim
+from .fabric import Fabric
+from .force import add_forces
+from .model import State
+from .solvers import Solver, make_solver
+
+HOST = threading.RLock()
+"""Held by a thread for all it does with Warp but replaying graphs: a capture would record what others launch or copy."""
+
+
+class Loop:
+    """The iteration, captured as a graph and launched again and again; the step apart where it needs the host.
+
+    Args:
+        scene: model, state, weights and settings, their weights written.
+        careful: by the plain scheme, without acceleration.
+    """
+
+    def __init__(self, scene: Fabric, careful: bool):
+        s = scene.settings
+        slow, momentum = (1.0, 0.0) if careful else (s.slow, s.momentum)
+        self.scene = scene
+        self.solver: Solver = make_solver(s.scheme, scene.model, s.step, slow, momentum)
+        self._capture()
+
+    def _capture(self) -> None:
+        scene, s = self.scene, self.scene.settings
+        self.forms = self._forms()
+        if scene.model.torn:
+            wp.load_module(rim, device=scene.device)
+        with wp.ScopedCapture(device=scene.device, force_module_load=False) as capture:
+            add_forces(scene.model, scene.state, s.contour, s.force == "paper", s.tau)
+            scene.springs.add_forces(scene.model.eyes, scene.state.tube, scene.state.force)
+            if self.solver.captured:
+                self._step()
+        assert capture.graph is not None
+        self.graph = capture.graph
+
+    def set_material(self, share: float | None = None) -> None:
+        """Writes the weights anew and makes the factors again that depend on what changed; see `Assembly.set_material`."""
+        changed, mass = self.scene.set_material(share), self.solver.mass
+        if changed:
+            self.solver.material_changed(changed)
+            self.scene.springs.take_implicitly(self._step_under)
+        if self.solver.mass != mass:  # what was repeated of the last step is no velocity
+            self.scene.stand_still()
+        if self._forms() != self.forms:
+            self._capture()
+
+    def _forms(self) -> tuple:
+        """What a graph has frozen of model and solver."""
+        return self.scene.model.shaped, self.scene.model.torn, *self.solver.form
+
+    def hold_springs(self, iteration: int) -> None:
+        """Lets springs take hold and let go, and the scheme take them implicitly."""
+        self.scene.springs.set(iteration, self.scene.state.tube.numpy())
+        self.scene.springs.take_implicitly(self._step_under)
+
+    def _step_under(self, load: np.ndarray) -> np.ndarray:
+        """Step of nodes at rest under a load, both (N,) and in one direction; none with mass, where springs are explicit."""
+        if self.solver.mass:
+            return np.zeros(len(load))
+        trial = State(self.scene.model)
+        trial.force.assign((load[:, None] * [1.0, 0.0, 0.0]).astype(np.float32))
+        self.solver.step(trial)
+        return trial.tube.numpy()[:, 0].astype(float)
+
+    def _step(self) -> None:
+        """The scheme's step, with the springs in it."""
+        self.solver.step(self.scene.state)
+        self.scene.springs.give_back(self.scene.state.tube, self.scene.state.velocity)
+
+    def run(self, count: int = 1) -> None:
+        """Iterations; one thread's beside another's, as long as their scenes are not the same."""
+        for _ in range(count):
+            wp.capture_launch(self.graph)
+            if not self.solver.captured:
+                with HOST:
+                    self._step()
+            self.scene.time += self.solver.dt
+
+    def residual(self) -> float:
+        """Residual force of place and radius, root mean square over all rings [initial spine lengths]."""
+        return float(np.sqrt(self.scene.state.residual.numpy().mean()))

@@ -1,0 +1,237 @@
+"""One part of a still scene on its way from coarse scale to fine, each to rest (section 5)."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from concurrent.futures import Executor, Future
+
+import numpy as np
+
+from .assembly import Assembly
+from .loop import HOST, Loop
+from .potential import Potential, PotentialPicture
+
+CHECK = 10
+"""Iterations between two looks at the residual, and at weights that are functions of time."""
+COARSE = 3.0
+"""How much more residual a coarse scale may keep: the next scale moves the tube further than that anyway."""
+REST = 2e-4
+"""How far surface and closed ends may still move in `LOOK` iterations at the finest scale; rings within it may slide."""
+LOOK = 50
+TRAIL = 4
+"""Looks from which the limit is extrapolated."""
+AHEAD = 2e-4
+"""How far the extrapolated limit may still be."""
+LEAPS = 3
+"""How often a run leaps to the extrapolated limit before it may end."""
+LONGEST = 30.0
+"""Longest leap, in ways between two looks."""
+LOST = 1.0
+"""Residual force at which the solver has diverged [initial spine lengths]."""
+LEAST_SHARE = 0.01
+"""Least share of the rigidities that the finest scale keeps."""
+SNAPSHOTS = 90
+"""About how many states a run remembers."""
+
+
+class Relaxation:
+    """Tubes of one assembly from coarse to fine scale, together; `advance` takes them on.
+
+    A scale that diverges is done once more from its start by the plain scheme.
+
+    Attributes:
+        stage, stages, sigma: the scale in force [px].
+        iteration, residual: iterations so far, residual force [initial spine lengths].
+        done: nothing is left to do; then `converged` (at rest at the finest scale) or `diverged` may hold.
+        history: snapshots of each tube, see `ObjectResult`.
+        pictures: of the first tube's potential at each scale.
+        potentials: in force, one for each tube.
+        waited: seconds in which it could not go on for want of a potential.
+
+    Args:
+        scene: the assembly, at its start.
+        pool: makes the next scale's potentials while one is solved.
+
+    Raises:
+        ValueError: the scheme cannot bear the step, mass, or the material.
+    """
+
+    def __init__(self, scene: Assembly, pool: Executor):
+        self.scene, self._pool = scene, pool
+        lists = [space.sigmas for space in scene.spaces]
+        self.stages = max(map(len, lists))
+        self._sigmas = [[x[max(0, len(x) - self.stages + stage)] for x in lists] for stage in range(self.stages)]
+        self.stage, self.sigma, self.iteration, self.residual = 0, self._sigmas[0][0], 0, float("inf")
+        self.done, self.converged, self.diverged = False, False, False
+        self.history: list[list] = [[] for _ in scene.tubes]
+        self.pictures: list[PotentialPicture] = []
+        self.potentials: list[Potential] = []
+        self.waited = 0.0
+        self._ahead = self._made(0)
+        with HOST:
+            scene.set_material(1.0)
+            self.loop = Loop(scene, careful=False)
+        self._again, self._under_way = False, False
+
+    @property
+    def last(self) -> bool:
+        """Whether the finest scale is in force."""
+        return self.stage == self.stages - 1
+
+    def advance(self, count: int) -> None:
+        """Goes on by `count` iterations, or fewer to its end."""
+        until = self.iteration + count
+        while self.iteration < until and not self.done:
+            if not self._under_way:
+                self._begin()
+            with HOST:
+                self._before()
+            steps = min(until, self._next_event()) - self.iteration
+            self.loop.run(steps)
+            self.iteration += steps
+            with HOST:
+                self._after()
+
+    def stop(self) -> None:
+        """Ends the run where it is."""
+        self.done = True
+        for made in self._ahead:
+            made.cancel()
+
+    def snapshot(self) -> None:
+        """Remembers where every tube is."""
+        for k, states in enumerate(self.history):
+            states.append((*self.scene.world(k), self._sigmas[self.stage][k], list(self.scene.weights.cuts[k])))
+
+    def _made(self, stage: int) -> list[Future[Potential]]:
+        """Potentials of a scale, under way."""
+        return [
+            self._pool.submit(space.at, sigma, stage == self.stages - 1)
+            for space, sigma in zip(self.scene.spaces, self._sigmas[stage], strict=True)
+        ]
+
+    def _begin(self) -> None:
+        """Sets the scale in force."""
+        scene, s = self.scene, self.scene.settings
+        clock = time.perf_counter()
+        self.potentials = [made.result() for made in self._ahead]
+        self.waited += time.perf_counter() - clock
+        self._ahead = [] if self.last else self._made(self.stage + 1)
+        self.pictures.append(self.potentials[0].picture)
+        self.sigma = self._sigmas[self.stage][0]
+        with HOST:
+            scene.set_potentials(self.potentials)
+            if self.stage > 0:
+                scene.deal()
+            scene.hold_tangents()
+            scene.hold_depth()
+            self.loop.set_material(max(LEAST_SHARE, (self.sigma / self._sigmas[0][0]) ** 2))
+            self.loop.hold_springs(self.iteration)
+            scene.stand_still()
+            self._start = scene.positions(), scene.time
+        self._begun, self._again, self._under_way = self.iteration, False, True
+        # what earlier scales did not use is left to later ones
+        self._end = self.iteration + (s.iterations - self.iteration) // (self.stages - self.stage)
+        self._moved, self._leaps = float("inf"), 0
+        self._trail: list[tuple[np.ndarray, np.ndarray]] = [self._start[0]]
+        if self._end == self.iteration:
+            self._finish_stage()
+
+    def _before(self) -> None:
+        """What is to be done at this iteration before it: weights, snapshots, springs."""
+        scene, weights = self.scene, self.scene.weights
+        if weights.stale or (weights.timed and self.iteration % CHECK == 0):
+            self.loop.set_material()
+        if self.iteration % self._snapshot_every == 0:
+            self.snapshot()
+        if scene.springs.due(self.iteration):
+            self.loop.hold_springs(self.iteration)
+            # what was under way does not tell of what comes
+            self._begun, self._moved, self._trail = self.iteration, float("inf"), [scene.positions()]
+
+    @property
+    def _snapshot_every(self) -> int:
+        return CHECK * max(1, self.scene.settings.iterations // (10 * SNAPSHOTS * CHECK))
+
+    def _next_event(self) -> int:
+        """The next iteration before or after which there is something to do."""
+        i = self.iteration
+        events = [self._end, i + CHECK - i % CHECK, i + LOOK - (i - self._begun) % LOOK]
+        return min(events + [e for e in self.scene.springs.events if e > i])
+
+    def _after(self) -> None:
+        """Looks whether the scale is at rest, or lost."""
+        scene, last = self.scene, self.last
+        if last and (self.iteration - self._begun) % LOOK == 0:
+            self._moved = scene.moved(self._trail[-1][0])
+            self._trail = [*self._trail[1 - TRAIL :], scene.positions()]
+        if self.iteration % CHECK and self.iteration != self._end:
+            return
+        self.residual = self.loop.residual()
+        tolerance = scene.settings.tolerance * (1.0 if last else COARSE)
+        at_rest = self.residual < tolerance and (not last or self._moved < REST)
+        pending = scene.springs.pending(self.iteration) or not scene.weights.settled(scene.time)
+        self.converged = at_rest and not (last and pending)
+        if self.converged and last and self._leaps < LEAPS and not self.loop.solver.mass:
+            self._leap()
+        if not self.residual < LOST:
+            self._go_back()
+        if self.converged or self.diverged or self.iteration >= self._end:
+            self._finish_stage()
+
+    def _leap(self) -> None:
+        """What creeps does so for long, by less and less: goes where that leads, unless it is here."""
+        self.converged = False
+        if len(self._trail) < TRAIL:
+            return
+        tube, spine = limit(self._trail)
+        self.converged = self.scene.moved(tube) < AHEAD
+        if not self.converged:
+            self.scene.rewind((tube, spine))
+            self._leaps, self._moved, self._trail = self._leaps + 1, float("inf"), [self.scene.positions()]
+
+    def _go_back(self) -> None:
+        """To where the scale started, to do it again by the plain scheme; once."""
+        positions, self.scene.time = self._start
+        self.scene.rewind(positions)
+        self.diverged, self._again = self._again, True
+        self.loop = Loop(self.scene, careful=True)
+        self.loop.hold_springs(self.iteration)
+
+    def _finish_stage(self) -> None:
+        self._under_way = False
+        if self.diverged or self.last:
+            self.stop()
+        else:
+            self.stage += 1
+
+
+def limit(trail: Sequence[tuple[np.ndarray, ...]]) -> tuple[np.ndarray, ...]:
+    """Where states at equal steps of a linear relaxation lead, by reduced rank extrapolation.
+
+    The mean of the states, weighted so that the ways from one to the next cancel as well as they can; a few modes of
+    decay, as many as there are states less two, are met exactly. No further than `LONGEST` of the last ways.
+
+    Args:
+        trail: states in turn, three or more, each some arrays of the same shapes.
+
+    Returns:
+        arrays of those shapes.
+    """
+    states = np.array([np.concatenate([np.ravel(a) for a in state]) for state in trail], dtype=float)
+    ways = np.diff(states, axis=0)
+    gram = ways @ ways.T
+    # states rest on float32: what is smaller is no way
+    gram += (1e-10 * np.trace(gram) + 1e-30) * np.eye(len(gram))
+    weight = np.linalg.solve(gram, np.ones(len(gram)))
+    leap = weight / weight.sum() @ states[1:] - states[-1]
+    leap *= min(1.0, LONGEST * np.linalg.norm(ways[-1]) / max(np.linalg.norm(leap), 1e-30))
+    pieces = np.split(states[-1] + leap, np.cumsum([a.size for a in trail[0]])[:-1])
+    return tuple(p.reshape(a.shape).astype(a.dtype) for p, a in zip(pieces, trail[0], strict=True))
+
+
+def thinned(history: list) -> list:
+    """At most `SNAPSHOTS` states, first and last among them."""
+    keep = np.unique(np.linspace(0, len(history) - 1, min(len(history), SNAPSHOTS)).round().astype(int))
+    return [history[i] for i in keep]
