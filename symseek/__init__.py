@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .checks import SceneError
+    from .many import batch
     from .pipeline import Result, reconstruct, run
     from .scene import Scene, load
     from .sim.body import Body
@@ -36,12 +37,14 @@ __all__ = [
     "Tube",
     "View",
     "__version__",
+    "batch",
     "load",
     "reconstruct",
     "run",
 ]
 
 _HOMES = {
+    "batch": "many",
     "SceneError": "checks",
     "Result": "pipeline",
     "reconstruct": "pipeline",

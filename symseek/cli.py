@@ -1,4 +1,4 @@
-"""The command line: `symseek run`, `symseek demo`, `symseek doctor`.
+"""The command line: `symseek run`, `symseek batch`, `symseek demo`, `symseek doctor`.
 
 Exit status 0 done, 2 the input is at fault, 1 anything else. Heavy imports wait until a command needs them.
 """
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 DEMOS = Path(__file__).resolve().parent / "scenes"
 DEMO_DEFAULT = "squash"
+IMAGES = {".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".npy"}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -34,6 +35,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             from .doctor import examine
 
             return examine()
+        if options.command == "batch":
+            return _batch(options)
         return _demo(options) if options.command == "demo" else _run(options, options.scene)
     except KeyboardInterrupt:
         print("\nsymseek: interrupted, nothing written", file=sys.stderr)
@@ -53,12 +56,21 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     run = commands.add_parser("run", help="reconstruct a scene file", description="Reconstruct a scene file.")
     run.add_argument("scene", metavar="SCENE", help="a TOML file, or a folder that holds scene.toml")
+    batch = commands.add_parser(
+        "batch",
+        help="reconstruct many images by one scene file",
+        description="Reconstruct the objects of a scene file in each of many images; measures go to DIR/batch.csv.",
+    )
+    batch.add_argument("scene", metavar="SCENE", help="a TOML file; each image takes the place of its first view's")
+    batch.add_argument("images", metavar="IMAGE", nargs="+", type=Path, help="images, or folders of them")
+    batch.add_argument("--axes", metavar="FILE", type=Path, help="CSV of rough axes: image,object,x,y, a line a point")
+    batch.add_argument("--processes", metavar="N", type=int, help="how many at a time (default: one a core)")
     demo = commands.add_parser(
         "demo", help="run a scene that ships with symseek", description="Run a scene that ships with symseek."
     )
     demo.add_argument("scene", metavar="NAME", nargs="?", default=DEMO_DEFAULT, help=f"default: {DEMO_DEFAULT}")
     demo.add_argument("--list", action="store_true", help="list the scenes and stop")
-    for command in (run, demo):
+    for command in (run, demo, batch):
         command.add_argument("--out", metavar="DIR", type=Path, help="folder for the results (default: out/NAME)")
         command.add_argument("--device", default="cpu", help="Warp device: cpu, cuda:0 (default: cpu)")
         command.add_argument(
@@ -69,6 +81,7 @@ def _parser() -> argparse.ArgumentParser:
             help="change a key of the scene file, like solver.scheme=euler; may be repeated",
         )
         command.add_argument("--quiet", action="store_true", help="print nothing but errors")
+    for command in (run, demo):
         command.add_argument("--no-video", action="store_true", help="leave the video out")
     commands.add_parser("doctor", help="what this machine has and lacks", description="Say what this machine has and lacks.")
     return parser
@@ -126,6 +139,37 @@ def _run(options: argparse.Namespace, scene: str) -> int:
     for name, reason in result.skipped.items():
         print(f"symseek: {name} was not written: {reason}", file=sys.stderr)
     return 1 if result.skipped else 0
+
+
+def _batch(options: argparse.Namespace) -> int:
+    from .checks import SceneError
+    from .many import Entry, batch
+
+    images: list[Path] = []
+    for path in options.images:
+        images += sorted(p for p in path.iterdir() if p.suffix.lower() in IMAGES) if path.is_dir() else [path]
+
+    def tell(entry: Entry) -> None:
+        if entry.error:
+            print(f"symseek: {entry.error}", file=sys.stderr, flush=True)
+        elif not options.quiet:
+            doubts = [f"{row['object']}: {row['warnings']}" for row in entry.objects if not row["trusted"]]
+            print(f"{entry.image}: {'DO NOT TRUST ' + ' / '.join(doubts) if doubts else 'done'}", flush=True)
+
+    try:
+        if not images:
+            raise SceneError(str(options.images[0]), "", "holds no image", f"images end in {', '.join(sorted(IMAGES))}")
+        found = batch(
+            options.scene, images, options.out, options.device,
+            axes=options.axes, overrides=options.set, processes=options.processes, callback=tell,
+        )  # fmt: skip
+    except SceneError as problem:
+        print(f"symseek: {problem}", file=sys.stderr)
+        return 2
+    if not options.quiet:
+        bad = sum(bool(entry.error) for entry in found)
+        print(f"{len(found) - bad} of {len(found)} images reconstructed, {sum(e.trusted for e in found)} of them trusted")
+    return 2 if any(entry.error for entry in found) else 0
 
 
 class Show:

@@ -139,6 +139,7 @@ def run(
     overrides: Iterable[str] = (),
     callback: Callback | None = None,
     every: int = 1,
+    threads: int | None = None,
     tell: Callable[[str], None] = lambda text: None,
 ) -> Result:
     """Reconstruct a scene and write its files, as `symseek run` does.
@@ -150,6 +151,7 @@ def run(
         overrides: KEY=VALUE texts, for a path.
         callback: called each iteration; returning True stops the solver.
         every: iterations between two calls, of tubes; more spare time where there are many.
+        threads: that share the tubes; None: one a core.
         tell: called with a line of text before each slow part.
 
     Returns:
@@ -162,18 +164,20 @@ def run(
         scene = load(scene, overrides)
     out = Path("out") / scene.name if out is None else Path(out)
     with staging(out) as stage:
-        result = _solve(scene, device, callback, every)
+        result = _solve(scene, device, callback, every, threads)
         result._write(stage, out, tell)
     return result
 
 
-def _solve(scene: Scene, device: str, callback: Callback | None, every: int = 1) -> Result:
+def _solve(
+    scene: Scene, device: str, callback: Callback | None, every: int = 1, threads: int | None = None
+) -> Result:
     prepare(device)
     lines: list[LineResult] = []
     found = still.Result([], [], None, {}, scene.settings)
     try:
         if scene.tubes:
-            found = still.reconstruct(scene.views, scene.tubes, scene.settings, device, callback, every)
+            found = still.reconstruct(scene.views, scene.tubes, scene.settings, device, callback, every, threads)
         if scene.lines:
             more = deform(scene.views, scene.lines, scene.settings, device, callback)
             lines = more.objects

@@ -84,6 +84,12 @@ class Scene:
     """that reading took."""
 
 
+def find(path: str | Path) -> Path:
+    """A scene file's path: itself, or the scene.toml of a folder."""
+    path = Path(path)
+    return path / "scene.toml" if path.is_dir() and (path / "scene.toml").is_file() else path
+
+
 def load(path: str | Path, overrides: Iterable[str] = ()) -> Scene:
     """Read and check a scene file.
 
@@ -100,9 +106,7 @@ def load(path: str | Path, overrides: Iterable[str] = ()) -> Scene:
         SceneError: anything unknown, missing or wrong; the message names file, field, value and remedy.
     """
     began = time.perf_counter()
-    path = Path(path)
-    if path.is_dir() and (path / "scene.toml").is_file():
-        path /= "scene.toml"
+    path = find(path)
     source = str(path)
     try:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
