@@ -322,6 +322,7 @@ def _record(result: Result, names: list[str]) -> dict[str, Any]:
                 "hidden_share": "share of the contour's length",
                 "map_agreement": "share of silhouette or map",
                 "map_certainty": "share of the map",
+                "partial": "whether an end lies beyond the image",
             },
             "seconds": {name: round(s, 4) for name, s in result.seconds.items()},
             "objects": objects,
