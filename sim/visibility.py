@@ -159,7 +159,7 @@ class Visibility:
             for number, k in enumerate(involved):
                 found[k] = _behind(depth, owner, number, centres[k], boxes[k] - first, first, AHEAD * length[k])
         for k, tube in enumerate(flat):
-            found[k] = _with_own(found[k], tube)
+            found[k] = _with_own(found[k], tube, shape)
         return found
 
 
@@ -182,8 +182,8 @@ def _behind(
     return Hidden(mask, (int(left + first[0]), int(top + first[1]))) if mask.any() else None
 
 
-def _with_own(found: Hidden | None, tube: np.ndarray) -> Hidden | None:
-    """Adds where a tube as seen, shape (N_x, N_s, 3), lies before itself."""
+def _with_own(found: Hidden | None, tube: np.ndarray, shape: tuple[int, ...]) -> Hidden | None:
+    """Adds where a tube as seen, shape (N_x, N_s, 3), lies before itself in an image of that shape."""
     centre = tube[..., :2].mean(axis=0)
     radius = np.linalg.norm(tube[..., :2] - centre, axis=2).max(axis=0)
     arc = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(centre, axis=0), axis=1))])
@@ -192,8 +192,9 @@ def _with_own(found: Hidden | None, tube: np.ndarray) -> Hidden | None:
     pairs = np.argwhere(near & (arc[None] - arc[:, None] > 2 * FAR * sums))
     if not len(pairs):
         return found
-    low = np.floor((centre - radius[:, None])[pairs.ravel()].min(axis=0)).astype(int)
-    high = np.ceil((centre + radius[:, None])[pairs.ravel()].max(axis=0)).astype(int)
+    last = np.array(shape[1::-1]) - 1
+    low = np.clip(np.floor((centre - radius[:, None])[pairs.ravel()].min(axis=0)), 0, last).astype(int)
+    high = np.clip(np.ceil((centre + radius[:, None])[pairs.ravel()].max(axis=0)), 0, last).astype(int)
     if found is not None:
         low = np.minimum(low, found.corner)
         high = np.maximum(high, np.add(found.corner, found.mask.shape[::-1]) - 1)
