@@ -63,7 +63,6 @@ def surface_normal(
 @wp.kernel(enable_backward=False)
 def normals(
     # model
-    node_ring: wp.array[int],
     ring_tube: wp.array[int],
     ring_node: wp.array[int],
     ring_s: wp.array[int],
@@ -80,16 +79,18 @@ def normals(
     normal_out: wp.array[wp.vec3],
     facing_out: wp.array[float],
 ):
-    """Sets the unit normal n and i.n of (12) at each node for one view."""
-    i = wp.tid()
-    r = node_ring[i]
-    k = ring_tube[r]
+    """Sets the unit normal n and i.n of (12) at each ring's nodes for one view."""
+    r = wp.tid()
     start = ring_node[r]
-    n = tube_nx[k]
+    n = tube_nx[ring_tube[r]]
     s = ring_s[r]
-    m = surface_normal(tube_in, start, i - start, n, s, ring_first[r], ring_last[r], ring_closed[r])
-    normal_out[i] = m
-    facing_out[i] = wp.dot(projection.sight(eyes[view], tube_in[i]), m)
+    eye = eyes[view]
+    m = wp.vec3(0.0)
+    for x in range(n):
+        if x == 0 or ring_closed[r] == 0:
+            m = surface_normal(tube_in, start, x, n, s, ring_first[r], ring_last[r], ring_closed[r])
+        normal_out[start + x] = m
+        facing_out[start + x] = wp.dot(projection.sight(eye, tube_in[start + x]), m)
 
 
 @wp.func
@@ -245,7 +246,7 @@ def contour_force(
     ring_first: wp.array[int],
     ring_last: wp.array[int],
     eyes: wp.array[projection.Eye],
-    fields: wp.array2d[image.Field],
+    fields: wp.array[image.Field],
     samples: wp.array[wp.vec4],
     # state in
     tube_in: wp.array[wp.vec3],
@@ -269,7 +270,7 @@ def contour_force(
         return
     start = ring_node[r]
     if (s + 1 == ring_last[r + 1] and s + 1 < ns - 1) or (s == ring_first[r] and s > 0):
-        if blind(eyes[view], tube_in[start], tube_in[start + n], fields[k, view].sigma) != 0:
+        if blind(eyes[view], tube_in[start], tube_in[start + n], fields[k].sigma) != 0:
             return
     first = ring_first[r + 1]
     last = ring_last[r]
@@ -284,7 +285,7 @@ def contour_force(
     # a line load along s as a load per hx hs
     density = float(n) * float(ns - 1)
     eye = eyes[view]
-    field = fields[k, view]
+    field = fields[k]
     bottom = Crossing()
     top = Crossing()
     left = Crossing()
@@ -326,7 +327,7 @@ def switch_force(
     node_ring: wp.array[int],
     ring_tube: wp.array[int],
     eyes: wp.array[projection.Eye],
-    fields: wp.array2d[image.Field],
+    fields: wp.array[image.Field],
     samples: wp.array[wp.vec4],
     # state in
     tube_in: wp.array[wp.vec3],
@@ -345,7 +346,7 @@ def switch_force(
         return
     k = ring_tube[node_ring[i]]
     eye = eyes[view]
-    field = fields[k, view]
+    field = fields[k]
     v = tube_in[i]
     p = projection.project(eye, v)
     d = projection.depth(eye, v)

@@ -14,7 +14,7 @@ def pole_force(
     tube_ns: wp.array[int],
     ring_closed: wp.array[int],
     eyes: wp.array[projection.Eye],
-    fields: wp.array2d[image.Field],
+    fields: wp.array[image.Field],
     samples: wp.array[wp.vec4],
     # state in
     tube_in: wp.array[wp.vec3],
@@ -44,7 +44,7 @@ def pole_force(
     if ring_closed[ring] == 0:
         return
     eye = eyes[view]
-    field = fields[k, view]
+    field = fields[k]
     v = tube_in[node]
     p = projection.project(eye, v)
     if image.outside(field, p) != 0:
