@@ -29,7 +29,7 @@ DISC, GROUND, SLIVER = 0.3, 0.05, 3
 """Radius of a junction's disc [half widths], least share of it that is background, half width of gaps that are none."""
 TOUCH = 0.5
 """Length along which two objects must touch for their order to matter [smaller half width]."""
-PLAIN = 0.05
+PLAIN = 0.1
 """Cue below which the order is not known."""
 GAP = 1.1
 """Depth from one axis to that of the next object behind it, in their half widths together: they do not touch."""
@@ -198,15 +198,23 @@ def _edges(x: np.ndarray, parts: Sequence[np.ndarray], shapes: Sequence[np.ndarr
     slope = np.stack([ndimage.gaussian_filter(x, (SIGMA, SIGMA, 0), order=o) for o in ((0, 1, 0), (1, 0, 0))])  # pyright: ignore
     unrest = float(np.median(np.sqrt((slope**2).sum((0, -1)))[parts[0] | parts[1]]))
     aside = max(1, round(ASIDE * half))
+    # the edge of what is behind both is nobody's within the other
+    clear = np.asarray(ndimage.distance_transform_edt(~_ground(parts))) > aside + 2 * SIGMA
     edge = []
     for own, other in ((0, 1), (1, 0)):
-        depth, total = np.asarray(ndimage.distance_transform_edt(shapes[other])), 0.0
+        depth, total = clear * np.asarray(ndimage.distance_transform_edt(shapes[other])), 0.0
         for line in find_contours(np.pad(parts[own], 1).astype(float), 0.5):
             deep = ndimage.map_coordinates(depth, (line - 1).T, order=1)
             weight = np.clip(deep, 0, DEEP * half) ** 2 * (deep > 1)
             total += float((weight * (_along(slope, line - 1, aside) - unrest)).sum())
         edge.append(max(total, 0.0))
-    return (edge[0] - edge[1]) / (edge[0] + edge[1] + unrest * half + 1e-12)
+    least = unrest * (DEEP * half) ** 2 * half
+    return (edge[0] - edge[1]) / (edge[0] + edge[1] + least + 1e-12)
+
+
+def _ground(parts: Sequence[np.ndarray]) -> np.ndarray:
+    """What neither object covers, slivers between them apart, (h, w), bool."""
+    return np.asarray(ndimage.binary_opening(~(parts[0] | parts[1]), iterations=SLIVER))
 
 
 def _along(slope: np.ndarray, line: np.ndarray, aside: int) -> np.ndarray:
@@ -230,7 +238,7 @@ def _junctions(parts: Sequence[np.ndarray], half: float) -> float:
         parts: what is seen of each, shape (h, w), bool; what both claim is half of each.
         half: smaller half width [samples].
     """
-    ground = ndimage.binary_opening(~(parts[0] | parts[1]), iterations=SLIVER)
+    ground = _ground(parts)
     shares = [part - 0.5 * (parts[0] & parts[1]) for part in parts]
     near = [ndimage.binary_dilation(m, iterations=2) for m in (shares[0] == 1, shares[1] == 1, ground)]
     labels, count = ndimage.label(near[0] & near[1] & near[2], np.ones((3, 3)))  # pyright: ignore

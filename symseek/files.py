@@ -322,6 +322,8 @@ def _record(result: Result, names: list[str]) -> dict[str, Any]:
                 "hidden_share": "share of the contour's length",
                 "map_agreement": "share of silhouette or map",
                 "map_certainty": "share of the map",
+                "depth": unit,
+                "depth_certainty": "0 to 1",
             },
             "seconds": {name: round(s, 4) for name, s in result.seconds.items()},
             "objects": objects,
