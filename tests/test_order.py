@@ -10,6 +10,7 @@ import pytest
 from PIL import Image
 
 import symseek
+from symseek.scene import build
 from symseek.scenes.still_life import make
 from symseek.sim.order import in_order
 from symseek.sim.problem import Tube, View
@@ -106,3 +107,19 @@ def test_still_life(seed):
     assert front.measures["depth"] < back.measures["depth"] and front.measures["depth_certainty"] > 0.05
     assert front.measures["hidden_share"] == 0 < back.measures["hidden_share"]
     assert front.spine[..., 2].mean() < back.spine[..., 2].mean()
+
+
+def test_bad_input(tmp_path):
+    """Words other than "auto", and views and spines whose depth is no matter of order."""
+    Image.fromarray(np.uint8(255 * _painted((_bar(LYING), RED)).image)).save(tmp_path / "x.png")
+    K = [[300.0, 0, 120], [0, 300, 100], [0, 0, 1]]
+    seen_from = {"projection": "perspective", "K": K, "R": np.eye(3).tolist(), "t": [0.0, 0, 0]}
+    world = np.column_stack([LYING, [0.0, 0.0]])
+    for depth, view, spine, match in (
+        ("front", {}, LYING, "finite number"),
+        ("auto", seen_from, LYING, "perspective"),
+        ("auto", {}, world, "world points"),
+    ):
+        data = {"view": [{"image": "x.png"} | view], "object": [{"name": "bar", "spine": spine.tolist(), "depth": depth}]}
+        with pytest.raises(symseek.SceneError, match=match):
+            build(data, tmp_path, "test")
