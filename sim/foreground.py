@@ -70,10 +70,10 @@ class Foreground:
     guess: np.ndarray | None = None
     """1 where neither side of the object is seen, so that there is no better word than the map's, shape (h, w); else 0."""
 
-    def in_image(self, shape: tuple[int, int]) -> np.ndarray:
-        """The map at the pixels of an image of `shape`; 0 where it was not looked at."""
-        rows = (np.arange(shape[0]) - self.origin[1]) / self.step
-        cols = (np.arange(shape[1]) - self.origin[0]) / self.step
+    def in_image(self, shape: tuple[int, int], origin: tuple[float, float] = (0.0, 0.0), step: float = 1.0) -> np.ndarray:
+        """The map at samples from an image point on, a step [image px] apart, by default pixels; 0 where not looked at."""
+        rows = (origin[1] + step * np.arange(shape[0]) - self.origin[1]) / self.step
+        cols = (origin[0] + step * np.arange(shape[1]) - self.origin[0]) / self.step
         return ndimage.map_coordinates(self.inside, np.meshgrid(rows, cols, indexing="ij"), order=1, mode="constant")
 
 

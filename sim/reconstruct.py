@@ -14,6 +14,7 @@ import warp as wp
 from ..kernels import contour, coupling, elastic, integrate, pole, spring
 from .assembly import Assembly, maps_of
 from .material import Weight
+from .order import in_order, tell
 from .problem import Settings, Tube, View
 from .relax import Relaxation, thinned
 from .result import ObjectResult, Result, finish
@@ -138,6 +139,7 @@ def reconstruct(
         seconds[name] = seconds.get(name, 0.0) + now - clock
         clock = now
 
+    tubes, found = in_order(views[0], tubes)
     maps = maps_of(views, tubes)
     lap("map")
     for module in (elastic, coupling, contour, pole, integrate, *[spring] * any(tube.springs for tube in tubes)):
@@ -155,7 +157,9 @@ def reconstruct(
         waited = sum(part.waited for part in parts) / threads
         lap("solve")
         seconds["potential"], seconds["solve"] = waited, seconds["solve"] - waited
-        objects = [o for found in pool.map(_finished, parts) for o in found]
+        objects = [o for finished in pool.map(_finished, parts) for o in finished]
+    for o, depth in zip(objects, found, strict=True):
+        tell(o, depth)
     lap("measure")
     h, w = views[0].image.shape[:2]
     foreground = maps[0].in_image((h, w)) if settings.potential == "map" else None

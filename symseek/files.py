@@ -323,6 +323,8 @@ def _record(result: Result, names: list[str]) -> dict[str, Any]:
                 "map_agreement": "share of silhouette or map",
                 "map_certainty": "share of the map",
                 "partial": "whether an end lies beyond the image",
+                "depth": unit,
+                "depth_certainty": "0 to 1",
             },
             "seconds": {name: round(s, 4) for name, s in result.seconds.items()},
             "objects": objects,
