@@ -186,7 +186,7 @@ def pull(
     weight = field.gain * length * image.pixel_size(j0, j1)
     if literal != 0:
         return weight * image.chain(j0, j1, wp.vec2(value[0], value[1]))
-    return weight * image.lift(j0, j1, image.normal_pull(value, normal))
+    return weight * (field.spread * image.lift(j0, j1, image.normal_pull(value, normal)))
 
 
 @wp.func
@@ -339,7 +339,7 @@ def switch_force(
         f = image.chain(j0, j1, wp.vec2(value[0], value[1]))
     else:
         m = wp.vec2(wp.dot(j0, normal_in[i]), wp.dot(j1, normal_in[i]))
-        f = image.lift(j0, j1, image.normal_pull(value, wp.normalize(m)))
+        f = field.spread * image.lift(j0, j1, image.normal_pull(value, wp.normalize(m)))
     wp.atomic_add(force_out, i, AT_NODES * field.gain * f)
 
 
@@ -393,6 +393,6 @@ def pole_force(
     j0 = projection.jacobian_row(eye.row0, eye.row2, p[0], d)
     j1 = projection.jacobian_row(eye.row1, eye.row2, p[1], d)
     push = image.sample(samples, field, p)[3] * on_contour
-    f = field.gain * float(n) * image.lift(j0, j1, push * wp.normalize(e))
+    f = field.gain * float(n) * (field.spread * image.lift(j0, j1, push * wp.normalize(e)))
     for x in range(n):
         wp.atomic_add(force_out, node + x, f / float(n))

@@ -16,6 +16,7 @@ from .initial import deal, fading, initial_tube, lift
 from .model import Model
 from .potential import Potential, ScaleSpace
 from .problem import Settings, Tube, View
+from .sights import common_axis, pixel_size, spread
 from .solvers.base import end_mass
 from .spring import Held, Springs
 
@@ -23,18 +24,30 @@ LINE_LOAD = 0.04
 """Stiffness of the contour: force a displacement for each unit of contour length and of s."""
 
 
-def maps_of(views: list[View], tubes: list[Tube]) -> list[Foreground]:
-    """The foreground map of each tube in the first view."""
-    view = views[0]
-    spines = [np.asarray(tube.spine, float) for tube in tubes]
-    flat = [spine if spine.shape[1] == 2 else view.camera.project(spine) for spine in spines]
-    return [foreground(view.image, axis, view.ignore, tube.not_here) for axis, tube in zip(flat, tubes, strict=True)]
+def maps_of(views: list[View], tubes: list[Tube]) -> list[list[Foreground]]:
+    """The foreground maps of each tube, one for each view; its marks are of the first."""
+
+    def seen(tube: Tube, v: int) -> Foreground:
+        view, axis = views[v], np.asarray(tube.spine, float)
+        if axis.shape[1] == 2 and v > 0:
+            axis = lift(axis, views[0].camera, tube.depth)
+        flat = axis if axis.shape[1] == 2 else view.camera.project(axis)
+        return foreground(view.image, flat, view.ignore, tube.not_here if v == 0 else None)
+
+    return [[seen(tube, v) for v in range(len(views))] for tube in tubes]
+
+
+def _of_view(settings: Settings, row: list[Foreground], map_: Foreground) -> Settings:
+    """Settings whose sigmas, which are in pixels of the first view, are in those of the map's view."""
+    if settings.sigmas is None:
+        return settings
+    return dataclasses.replace(settings, sigmas=tuple(s * map_.half_width / row[0].half_width for s in settings.sigmas))
 
 
 class Assembly(Fabric):
     """Scale spaces, model and state of some tubes; world units outside, initial spine lengths of the first within."""
 
-    def __init__(self, views: list[View], tubes: list[Tube], settings: Settings, device: str, maps: list[Foreground]):
+    def __init__(self, views: list[View], tubes: list[Tube], settings: Settings, device: str, maps: list[list[Foreground]]):
         self.views, self.maps = views, maps
         camera = views[0].camera
         spines = [np.asarray(tube.spine, float) for tube in tubes]
@@ -42,13 +55,17 @@ class Assembly(Fabric):
             lift(spine, camera, tube.depth) if spine.shape[1] == 2 else spine
             for spine, tube in zip(spines, tubes, strict=True)
         ]
-        self.spaces = [ScaleSpace(views[0], camera, map_, settings) for map_ in maps]
+        self.spaces = [
+            [ScaleSpace(view, view.camera, m, _of_view(settings, row, m)) for view, m in zip(views, row, strict=True)]
+            for row in maps
+        ]
         self.lengths = [length_of(axis_curve(a)) for a in self.axes]
-        sizes = [int(np.prod(s.shape)) for s in self.spaces]
-        self.sample_start = np.concatenate([[0], np.cumsum(sizes)])
+        sizes = [int(np.prod(s.shape)) for row in self.spaces for s in row]
+        self.sample_start = np.concatenate([[0], np.cumsum(sizes)])[:-1].reshape(len(tubes), len(views))
         model = Model([t.grid for t in tubes], [t.material.closed for t in tubes], len(views), sum(sizes), device)
         super().__init__(model, tubes, settings, device, self.lengths[0], axis_curve(self.axes[0]).mean(axis=0))
         self.model.set_cameras([self._own_camera(v.camera) for v in views])
+        self._look()
         self.model.image_load[:] = settings.gain * LINE_LOAD
         self._start()
         own = self._own_camera(camera)
@@ -70,7 +87,7 @@ class Assembly(Fabric):
             carried = self._carried_on(k)
             breaks = [dataclasses.replace(b, at=self._share(b.at, carried)) for b in tube.breaks]
             self.weights.breaks[k] = breaks
-            radius = tube.radius or 0.5 * self.maps[k].half_width * self._pixel(k)
+            radius = tube.radius or self._radius(k)
             axis, where = (carried - self.origin) / self.unit, marks(breaks, tube.grid[1])
             nodes, spine = initial_tube(axis, radius / self.unit, tube.grid, tube.material.closed, where)
             tube_flat[self.model.nodes_of(k)] = nodes.transpose(1, 0, 2).reshape(-1, 3)
@@ -86,16 +103,32 @@ class Assembly(Fabric):
         gap = self.views[0].camera.project(fine) - np.asarray(at, float)
         return float((gap**2).sum(axis=1).argmin() / (len(fine) - 1))
 
-    def _pixel(self, k: int) -> float:
-        """World length of a pixel of the first view at the middle of object k's axis."""
-        camera, middle, step = self.views[0].camera, self.axes[k].mean(axis=0), 1e-3 * self.unit
-        return step / np.linalg.norm(camera.project(middle + step * np.eye(3)) - camera.project(middle), axis=1).max()
+    def _pixel(self, k: int, v: int) -> float:
+        """World length of a pixel of view v at the middle of object k's axis."""
+        return pixel_size(self.views[v].camera, self.axes[k].mean(axis=0), 1e-3 * self.unit)
+
+    def _radius(self, k: int) -> float:
+        """Of the first tube: half of how wide the maps' object is."""
+        return float(np.mean([0.5 * m.half_width * self._pixel(k, v) for v, m in enumerate(self.maps[k])]))
+
+    def _look(self) -> None:
+        """Shares the pull on each tube out over the views, by the areas of their pixels, and finds what they tell."""
+        pixels = np.array([[self._pixel(k, v) for v in range(len(self.views))] for k in range(len(self.tubes))])
+        self.share = (pixels.min(axis=1, keepdims=True) / pixels) ** 2
+        self.spread = []
+        for k, axis in enumerate(self.axes):
+            sights = np.array([view.camera.sight(axis.mean(axis=0)) for view in self.views])
+            matrix, told = spread(sights, self.share[k])
+            self.spread.append(matrix)
+            self.weights.told[k] = told
 
     def _carried_on(self, k: int) -> np.ndarray:
         """The rough axis in the world, as far as the map's object reaches; straight beyond its own ends."""
         if self.settings.potential != "map":
             return self.axes[k]
-        camera, flat = self.views[0].camera, self.maps[k].axis
+        if len(self.views) > 1:
+            return common_axis(self.axes[k], [view.camera for view in self.views], [m.axis for m in self.maps[k]])
+        camera, flat = self.views[0].camera, self.maps[k][0].axis
         axis = axis_curve(self.axes[k])
         long = np.concatenate([2 * axis[0] - axis[::-1], axis, 2 * axis[-1] - axis[::-1]])
         gap = flat[:, None] - camera.project(long)[None]
@@ -147,23 +180,27 @@ class Assembly(Fabric):
         ends = self.model.host_ring_closed[self.model.node_ring.numpy()]
         return float(max(across, np.linalg.norm(way[ends], axis=1).max(initial=0.0)))
 
-    def set_potentials(self, potentials: list[Potential]) -> None:
-        """Hands the potentials of one scale to the kernels, one for each tube."""
+    def set_potentials(self, potentials: list[list[Potential]]) -> None:
+        """Hands the potentials of one scale to the kernels, one for each tube and view."""
         samples = np.zeros((len(self.model.samples), 4), np.float32)
         fields = []
-        for k, p in enumerate(potentials):
-            h, w = p.magnitude.shape
-            start = int(self.sample_start[k])
-            samples[start : start + h * w] = p.samples.reshape(-1, 4)
-            f = image_kernels.Field()
-            f.start, f.width, f.height = start, w, h
-            f.x0, f.y0, f.step, f.sigma = *p.origin, p.step, p.sigma
-            # contour length counts in lengths of the tube's own spine
-            f.gain = self.settings.gain * LINE_LOAD * self.unit / self.lengths[k]
-            if self.settings.force == "paper":
-                # the chain rule of (11) yields px a length where a displacement is a length a px
-                f.gain *= (self._pixel(k) / self.unit) ** 2
-            fields.append([f])
+        for k, row in enumerate(potentials):
+            for v, p in enumerate(row):
+                h, w = p.magnitude.shape
+                start = int(self.sample_start[k, v])
+                samples[start : start + h * w] = p.samples.reshape(-1, 4)
+                f = image_kernels.Field()
+                f.start, f.width, f.height = start, w, h
+                f.x0, f.y0, f.step, f.sigma = *p.origin, p.step, p.sigma
+                # contour length counts in lengths of the tube's own spine
+                f.gain = self.settings.gain * LINE_LOAD * self.unit / self.lengths[k]
+                if self.settings.force == "paper":
+                    # the chain rule of (11) yields px a length where a displacement is a length a px
+                    f.gain *= (self._pixel(k, v) / self.unit) ** 2 / len(row)
+                else:
+                    f.gain *= self.share[k, v]
+                f.spread = wp.mat33(*map(float, self.spread[k].ravel()))
+                fields.append(f)
         self.model.samples.assign(samples)
-        host = wp.array([f[0] for f in fields], dtype=image_kernels.Field, device="cpu").numpy()
-        self.model.fields.assign(host.reshape(len(potentials), 1))
+        host = wp.array(fields, dtype=image_kernels.Field, device="cpu").numpy()
+        self.model.fields.assign(host.reshape(len(potentials), len(self.views)))

@@ -107,7 +107,7 @@ def reconstruct(
     they fit the caches and threads share them out. The bits do not depend on how many threads there are.
 
     Args:
-        views: the images; one for now.
+        views: the images, taken at one time by cameras in one world.
         tubes: rough axes and materials.
         settings: of the solver; the result holds them with the scheme that "auto" chose.
         device: Warp device.
@@ -149,7 +149,7 @@ def reconstruct(
         objects = [o for found in pool.map(_finished, parts) for o in found]
     lap("measure")
     h, w = views[0].image.shape[:2]
-    foreground = maps[0].in_image((h, w)) if settings.potential == "map" else None
+    foreground = maps[0][0].in_image((h, w)) if settings.potential == "map" else None
     settings = replace(settings, scheme=parts[0].loop.solver.name)
     return Result(objects, parts[0].pictures, foreground, seconds, settings)
 
@@ -174,6 +174,6 @@ def _run(
 def _finished(part: Relaxation) -> list[ObjectResult]:
     part.snapshot()
     return [
-        finish(part.scene, k, potential, thinned(part.history[k]), part.iteration, part.converged, part.diverged)
-        for k, potential in enumerate(part.potentials)
+        finish(part.scene, k, potentials, thinned(part.history[k]), part.iteration, part.converged, part.diverged)
+        for k, potentials in enumerate(part.potentials)
     ]

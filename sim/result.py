@@ -26,6 +26,16 @@ FOLDED = 0.25
 """Relative difference of the mesh's volume from that of its rings, beyond which the tube must have folded."""
 
 
+@dataclass(frozen=True)
+class Seen:
+    """An object's occluding contour in one view."""
+
+    contour: list[np.ndarray]
+    """its pieces, shape (n, 2) each, image px."""
+    support: list[np.ndarray]
+    """for each piece, which points image data supports, shape (n,), bool."""
+
+
 @dataclass
 class ObjectResult:
     """One reconstructed object, in world units."""
@@ -41,10 +51,8 @@ class ObjectResult:
     """of the smooth watertight surface, shape (V, 3)."""
     faces: np.ndarray
     """shape (F, 3), outward."""
-    contour: list[np.ndarray]
-    """pieces of the occluding contour in the first view, shape (n, 2) each, image px."""
-    support: list[np.ndarray]
-    """for each piece, which points image data supports, shape (n,), bool."""
+    seen: list[Seen]
+    """its contour in each view."""
     measures: dict[str, Any]
     history: list[tuple[np.ndarray, np.ndarray, float, list[Cut]]]
     """tube (N_x, N_s, 3), spine (N_s, 3), sigma [px] and the tube's discontinuities, from the first tube to the last."""
@@ -54,6 +62,16 @@ class ObjectResult:
     converged: bool = True
     trusted: bool = True
     warnings: list[str] = field(default_factory=list)
+
+    @property
+    def contour(self) -> list[np.ndarray]:
+        """`Seen.contour` of the first view."""
+        return self.seen[0].contour
+
+    @property
+    def support(self) -> list[np.ndarray]:
+        """`Seen.support` of the first view."""
+        return self.seen[0].support
 
 
 @dataclass
@@ -71,7 +89,7 @@ class Result:
 def finish(
     scene: Assembly,
     k: int,
-    potential: Potential,
+    potentials: list[Potential],
     history: list,
     iterations: int,
     converged: bool,
@@ -82,7 +100,7 @@ def finish(
     Args:
         scene: with the final state.
         k: which object.
-        potential: its finest one.
+        potentials: its finest ones, one for each view.
         history: snapshots, see `ObjectResult`.
         iterations: done.
         converged: at rest at the finest scale.
@@ -92,19 +110,28 @@ def finish(
     cuts = list(scene.weights.cuts[k])
     vertices, faces = refine(nodes, cuts=cuts)
     measures: dict[str, Any] = shape_measures(nodes, spine, cuts, scene.weights.spine_cuts[k])
-    pieces = occluding_contour(nodes, scene.views[0].camera, cuts)
-    space = scene.spaces[k]
-    inside = space.inside if scene.settings.potential == "map" else np.zeros((0, 0))
-    support = [contour_support(p, n, potential, inside, scene.maps[k].half_width) for p, n in pieces]
-    measures |= support_measures(support)
-    if scene.settings.potential == "map":
-        agreement = map_agreement(nodes, scene.views[0].camera, scene.maps[k], cuts)
-        measures["map_agreement"], measures["map_certainty"] = agreement
-    points = np.concatenate([p for p, _ in pieces] or [np.zeros((0, 2))])
+    seen, supports, own, outside = [], [], {}, []
+    for v, (view, potential) in enumerate(zip(scene.views, potentials, strict=True)):
+        pieces = occluding_contour(nodes, view.camera, cuts)
+        space, map_ = scene.spaces[k][v], scene.maps[k][v]
+        inside = space.inside if scene.settings.potential == "map" else np.zeros((0, 0))
+        support = [contour_support(p, n, potential, inside, map_.half_width) for p, n in pieces]
+        own[view.name] = support_measures(support)
+        if scene.settings.potential == "map":
+            agreement = map_agreement(nodes, view.camera, map_, cuts)
+            own[view.name] |= dict(zip(("map_agreement", "map_certainty"), agreement, strict=True))
+        seen.append(Seen([p for p, _ in pieces], [s.supported for s in support]))
+        supports += support
+        outside.append(_outside(seen[-1].contour, view.image.shape[:2]))
+    measures |= support_measures(supports)
+    if scene.settings.potential == "map":  # as good as the worst view's
+        measures |= {name: min(m[name] for m in own.values()) for name in ("map_agreement", "map_certainty")}
+    if len(own) > 1:
+        measures["views"] = own
     before = history[-1 - max(1, len(history) // 10)][0]
     moved = float(np.sqrt(((nodes - before) ** 2).sum(axis=2).mean()))
     unrest = not converged and moved > UNREST * max(measures["radius"])
-    warnings = _doubts(measures, points, scene.views[0].image.shape[:2], iterations, unrest, diverged)
+    warnings = _doubts(measures, max(outside), iterations, unrest, diverged)
     return ObjectResult(
         name=scene.tubes[k].name,
         tube=nodes[None],
@@ -112,8 +139,7 @@ def finish(
         velocity=scene.velocity(k)[None],
         vertices=vertices,
         faces=faces,
-        contour=[p for p, _ in pieces],
-        support=[s.supported for s in support],
+        seen=seen,
         measures=measures,
         history=history,
         cuts=cuts,
@@ -124,10 +150,16 @@ def finish(
     )
 
 
+def _outside(contour: list[np.ndarray], shape: tuple[int, ...]) -> float:
+    """Share of a contour's points that lie beyond an image of a shape (H, W); 1 where there is no contour."""
+    points = np.concatenate(contour or [np.zeros((0, 2))])
+    beyond = (points < -0.5).any(axis=1) | (points > [shape[1] - 0.5, shape[0] - 0.5]).any(axis=1)
+    return float(beyond.mean()) if len(points) else 1.0
+
+
 def _doubts(
     measures: dict[str, Any],
-    contour: np.ndarray,
-    shape: tuple[int, int],
+    outside: float,
     iterations: int,
     unrest: bool,
     diverged: bool,
@@ -152,9 +184,7 @@ def _doubts(
             "the object's colours and edges part it poorly from what is around it: check the foreground map, or mark with"
             " not_here or ignore what it must not take"
         )
-    h, w = shape
-    outside = (contour < -0.5).any(axis=1) | (contour > [w - 0.5, h - 0.5]).any(axis=1)
-    if len(contour) == 0 or outside.mean() > MOST_OUTSIDE:
+    if outside > MOST_OUTSIDE:
         doubts.append("the tube has left the image: what lies beyond the border is a guess")
     station, radius = np.array(measures["station"]), np.array(measures["radius"])
     rings = np.pi * np.trapezoid(radius**2, station)
