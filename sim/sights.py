@@ -13,6 +13,8 @@ BLIND = 1e-4
 """Stiffness of the weakest direction, over that of the stiffest, below which no view tells it."""
 DEGREE = 5
 """Of the way, a polynomial along it, from a rough axis to the one that all views agree about."""
+ROUGH = 3
+"""Of an axis by what was clicked."""
 ROUNDS = 10
 TIPS = 20.0
 """Weight of an axis' ends, which say where along it a point lies, against all else that lies across it."""
@@ -112,3 +114,29 @@ def _pull(
     sides[[0, -1], 1] = along[[0, -1]]
     sides *= scale[:, None, None]
     return sides @ jacobian, (sides * (line[at] - p)[:, None]).sum(axis=2)
+
+
+def triangulated(axes: Sequence[np.ndarray], cameras: Sequence[Camera]) -> np.ndarray:
+    """A rough axis in the world from rough axes in two or more views, end to end the same way.
+
+    Points at the same share of each axis' length meet at first; what lies across the axes then corrects that.
+
+    Args:
+        axes: shape (n, 2) each, image points.
+        cameras: of their views.
+
+    Returns:
+        shape (200, 3).
+    """
+    seen = [axis_curve(a) for a in axes]
+    sides, heights = [], []
+    for camera, line in zip(cameras, seen, strict=True):
+        m = camera.matrix
+        size = 1 / np.linalg.norm(m[:2, :3])
+        sides.append(size * (m[:2, :3] - line[..., None] * m[2, :3]))
+        heights.append(size * (line * m[2, 3] - m[:2, 3]))
+    side, height = np.concatenate(sides, axis=1), np.concatenate(heights, axis=1)
+    points = np.stack([np.linalg.lstsq(a, b, rcond=None)[0] for a, b in zip(side, height, strict=True)])
+    basis = np.polynomial.legendre.legvander(np.linspace(-1, 1, len(points)), ROUGH)
+    smooth = basis @ np.linalg.lstsq(basis, points, rcond=None)[0]
+    return common_axis(smooth, cameras, seen)
