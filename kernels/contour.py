@@ -177,6 +177,7 @@ def pull(
     normal: wp.vec2,
     length: float,
     literal: int,
+    spread: wp.mat33,
 ):
     """World force at one end of a contour segment that stands for `length` pixels of contour."""
     d = projection.depth(eye, c.position)
@@ -186,7 +187,7 @@ def pull(
     weight = field.gain * length * image.pixel_size(j0, j1)
     if literal != 0:
         return weight * image.chain(j0, j1, wp.vec2(value[0], value[1]))
-    return weight * (field.spread * image.lift(j0, j1, image.normal_pull(value, normal)))
+    return weight * (spread * image.lift(j0, j1, image.normal_pull(value, normal)))
 
 
 @wp.func
@@ -198,6 +199,7 @@ def segment(
     b: Crossing,
     density: float,
     literal: int,
+    spread: wp.mat33,
     force: wp.array[wp.vec3],
 ):
     """Adds the line integral of the image force over one straight piece of contour to the nodes it hangs on."""
@@ -212,8 +214,8 @@ def segment(
     ahead = projection.project(eye, a.position + 1.0e-3 * outward)
     if wp.dot(m, ahead - p) < 0.0:
         m = -m
-    scatter(force, a, density * pull(eye, field, samples, a, p, m, 0.5 * length, literal))
-    scatter(force, b, density * pull(eye, field, samples, b, q, m, 0.5 * length, literal))
+    scatter(force, a, density * pull(eye, field, samples, a, p, m, 0.5 * length, literal, spread))
+    scatter(force, b, density * pull(eye, field, samples, b, q, m, 0.5 * length, literal, spread))
 
 
 @wp.kernel(enable_backward=False)
@@ -230,6 +232,7 @@ def contour_force(
     eyes: wp.array[projection.Eye],
     fields: wp.array2d[image.Field],
     samples: wp.array[wp.vec4],
+    spread: wp.array[wp.mat33],
     # state in
     tube_in: wp.array[wp.vec3],
     normal_in: wp.array[wp.vec3],
@@ -268,6 +271,7 @@ def contour_force(
     density = float(n) * float(ns - 1)
     eye = eyes[view]
     field = fields[k, view]
+    along = spread[r]
     bottom = Crossing()
     top = Crossing()
     left = Crossing()
@@ -284,23 +288,23 @@ def contour_force(
         # a saddle: the sign at the cell's middle says which corners are cut off
         middle = facing_in[i] + facing_in[i10] + facing_in[i + n] + facing_in[i10 + n] >= 0.0
         if middle == g00:
-            segment(eye, field, samples, bottom, right, density, literal, force_out)
-            segment(eye, field, samples, top, left, density, literal, force_out)
+            segment(eye, field, samples, bottom, right, density, literal, along, force_out)
+            segment(eye, field, samples, top, left, density, literal, along, force_out)
         else:
-            segment(eye, field, samples, bottom, left, density, literal, force_out)
-            segment(eye, field, samples, top, right, density, literal, force_out)
+            segment(eye, field, samples, bottom, left, density, literal, along, force_out)
+            segment(eye, field, samples, top, right, density, literal, along, force_out)
     elif g00 != g10 and g01 != g11:
-        segment(eye, field, samples, bottom, top, density, literal, force_out)
+        segment(eye, field, samples, bottom, top, density, literal, along, force_out)
     elif g00 != g01 and g10 != g11:
-        segment(eye, field, samples, left, right, density, literal, force_out)
+        segment(eye, field, samples, left, right, density, literal, along, force_out)
     elif g00 != g10 and g00 != g01:
-        segment(eye, field, samples, bottom, left, density, literal, force_out)
+        segment(eye, field, samples, bottom, left, density, literal, along, force_out)
     elif g00 != g10:
-        segment(eye, field, samples, bottom, right, density, literal, force_out)
+        segment(eye, field, samples, bottom, right, density, literal, along, force_out)
     elif g00 != g01:
-        segment(eye, field, samples, left, top, density, literal, force_out)
+        segment(eye, field, samples, left, top, density, literal, along, force_out)
     else:
-        segment(eye, field, samples, top, right, density, literal, force_out)
+        segment(eye, field, samples, top, right, density, literal, along, force_out)
 
 
 @wp.kernel(enable_backward=False)
@@ -311,6 +315,7 @@ def switch_force(
     eyes: wp.array[projection.Eye],
     fields: wp.array2d[image.Field],
     samples: wp.array[wp.vec4],
+    spread: wp.array[wp.mat33],
     # state in
     tube_in: wp.array[wp.vec3],
     normal_in: wp.array[wp.vec3],
@@ -339,7 +344,7 @@ def switch_force(
         f = image.chain(j0, j1, wp.vec2(value[0], value[1]))
     else:
         m = wp.vec2(wp.dot(j0, normal_in[i]), wp.dot(j1, normal_in[i]))
-        f = field.spread * image.lift(j0, j1, image.normal_pull(value, wp.normalize(m)))
+        f = spread[node_ring[i]] * image.lift(j0, j1, image.normal_pull(value, wp.normalize(m)))
     wp.atomic_add(force_out, i, AT_NODES * field.gain * f)
 
 
@@ -354,6 +359,7 @@ def pole_force(
     eyes: wp.array[projection.Eye],
     fields: wp.array2d[image.Field],
     samples: wp.array[wp.vec4],
+    spread: wp.array[wp.mat33],
     # state in
     tube_in: wp.array[wp.vec3],
     spine_in: wp.array[wp.vec3],
@@ -393,6 +399,6 @@ def pole_force(
     j0 = projection.jacobian_row(eye.row0, eye.row2, p[0], d)
     j1 = projection.jacobian_row(eye.row1, eye.row2, p[1], d)
     push = image.sample(samples, field, p)[3] * on_contour
-    f = field.gain * float(n) * (field.spread * image.lift(j0, j1, push * wp.normalize(e)))
+    f = field.gain * float(n) * (spread[ring] * image.lift(j0, j1, push * wp.normalize(e)))
     for x in range(n):
         wp.atomic_add(force_out, node + x, f / float(n))

@@ -14,7 +14,6 @@ class Field:
     y0: float
     step: float  # image pixels a sample
     gain: float  # of the force at this field
-    spread: wp.mat33  # of a lifted force, so that all views together hold every direction alike
     sigma: float  # it was smoothed by, image pixels
 
 

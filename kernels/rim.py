@@ -23,6 +23,7 @@ def rim_force(
     eyes: wp.array[projection.Eye],
     fields: wp.array2d[image.Field],
     samples: wp.array[wp.vec4],
+    spread: wp.array[wp.mat33],
     # state in
     tube_in: wp.array[wp.vec3],
     centroid_in: wp.array[wp.vec3],
@@ -93,7 +94,7 @@ def rim_force(
             pull_out = wp.dot(image.normal_pull(value, outward), outward)
             if pull_out > 0.0:
                 pull_out *= free
-            f = weight * (field.spread * image.lift(j0, j1, pull_out * outward))
+            f = weight * (spread[r] * image.lift(j0, j1, pull_out * outward))
         if blind == 0:
             wp.atomic_add(force_out, start + x, f)
         whole += f / float(n)

@@ -85,6 +85,8 @@ class Assembly(Fabric):
         tube_flat, spine_flat = np.zeros((self.model.nodes, 3)), np.zeros((self.model.rings, 3))
         for k, tube in enumerate(self.tubes):
             carried = self._carried_on(k)
+            if len(self.views) > 1:
+                self.axes[k] = carried
             breaks = [dataclasses.replace(b, at=self._share(b.at, carried)) for b in tube.breaks]
             self.weights.breaks[k] = breaks
             radius = tube.radius or self._radius(k)
@@ -112,15 +114,20 @@ class Assembly(Fabric):
         return float(np.mean([0.5 * m.half_width * self._pixel(k, v) for v, m in enumerate(self.maps[k])]))
 
     def _look(self) -> None:
-        """Shares the pull on each tube out over the views, by the areas of their pixels, and finds what they tell."""
+        """Shares the pull on each tube out over the views, by the areas of their pixels."""
         pixels = np.array([[self._pixel(k, v) for v in range(len(self.views))] for k in range(len(self.tubes))])
         self.share = (pixels.min(axis=1, keepdims=True) / pixels) ** 2
-        self.spread = []
-        for k, axis in enumerate(self.axes):
-            sights = np.array([view.camera.sight(axis.mean(axis=0)) for view in self.views])
-            matrix, told = spread(sights, self.share[k])
-            self.spread.append(matrix)
-            self.weights.told[k] = told
+
+    def _spread(self) -> None:
+        """Writes how each ring's pull is spread over directions, by where it is now; and whose depth the views tell."""
+        if len(self.views) == 1:
+            return
+        where = self.state.spine.numpy() * self.unit + self.origin
+        sights = np.stack([view.camera.sight(where) for view in self.views], axis=1)
+        by_node, by_ring, told = spread(sights, self.share[self.model.host_ring_tube])
+        self.model.spread.assign(by_node.astype(np.float32))
+        self.model.boost.assign(by_ring.astype(np.float32))
+        self.weights.told = [bool(told[self.model.rings_of(k)].all()) for k in range(len(self.tubes))]
 
     def _carried_on(self, k: int) -> np.ndarray:
         """The rough axis in the world, as far as the map's object reaches; straight beyond its own ends."""
@@ -199,8 +206,8 @@ class Assembly(Fabric):
                     f.gain *= (self._pixel(k, v) / self.unit) ** 2 / len(row)
                 else:
                     f.gain *= self.share[k, v]
-                f.spread = wp.mat33(*map(float, self.spread[k].ravel()))
                 fields.append(f)
         self.model.samples.assign(samples)
         host = wp.array(fields, dtype=image_kernels.Field, device="cpu").numpy()
         self.model.fields.assign(host.reshape(len(potentials), len(self.views)))
+        self._spread()

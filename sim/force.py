@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warp as wp
 
-from ..kernels import contour, coupling, elastic, rim
+from ..kernels import contour, coupling, depth, elastic, rim
 from .model import Model, State
 
 
@@ -82,6 +82,9 @@ def add_forces(model: Model, state: State, contour_kind: str, literal: bool, tau
         outputs=[s.spine_force],
         device=m.device,
     )
+    sums = [m.ring_tube, m.ring_node, m.tube_nx]
+    if m.views > 1:
+        wp.launch(depth.ring_sums, m.rings, inputs=[*sums, s.force], outputs=[s.pull], device=m.device)
     for view in range(m.views):
         wp.launch(
             contour.normals,
@@ -90,12 +93,12 @@ def add_forces(model: Model, state: State, contour_kind: str, literal: bool, tau
             outputs=[s.normal, s.facing],
             device=m.device,
         )
-        pictures = [m.eyes, m.fields, m.samples, s.tube, s.normal, s.facing, view, int(literal)]
+        pictures = [m.eyes, m.fields, m.samples, m.spread, s.tube, s.normal, s.facing, view, int(literal)]
         wp.launch(
             contour.pole_force,
             2 * m.tubes,
             inputs=[
-                m.tube_node, m.tube_ring, m.tube_nx, m.tube_ns, m.ring_closed, m.eyes, m.fields, m.samples,
+                m.tube_node, m.tube_ring, m.tube_nx, m.tube_ns, m.ring_closed, m.eyes, m.fields, m.samples, m.spread,
                 s.tube, s.spine, s.facing, view,
             ],
             outputs=[s.force],
@@ -106,7 +109,7 @@ def add_forces(model: Model, state: State, contour_kind: str, literal: bool, tau
                 rim.rim_force,
                 m.rings,
                 inputs=[
-                    *ring, m.ring_first, m.ring_last, m.eyes, m.fields, m.samples, s.tube, s.centroid, s.radius,
+                    *ring, m.ring_first, m.ring_last, m.eyes, m.fields, m.samples, m.spread, s.tube, s.centroid, s.radius,
                     view, int(literal),
                 ],
                 outputs=[s.force],
@@ -128,3 +131,7 @@ def add_forces(model: Model, state: State, contour_kind: str, literal: bool, tau
                 outputs=[s.force],
                 device=m.device,
             )
+    if m.views > 1:
+        wp.launch(
+            depth.deepen, m.rings, inputs=[*sums, m.boost, s.pull, s.tangent], outputs=[s.force], device=m.device
+        )

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 import warp as wp
 
-from ..kernels import contour, coupling, elastic, integrate, spring
+from ..kernels import contour, coupling, depth, elastic, integrate, spring
 from .assembly import Assembly, maps_of
 from .material import Weight
 from .problem import Settings, Tube, View
@@ -132,7 +132,7 @@ def reconstruct(
 
     maps = maps_of(views, tubes)
     lap("map")
-    for module in (elastic, coupling, contour, integrate, *[spring] * any(tube.springs for tube in tubes)):
+    for module in (elastic, coupling, contour, integrate, *[depth] * (len(views) > 1), *[spring] * any(t.springs for t in tubes)):
         wp.load_module(module, device=device)
     shares = [[k] for k in range(len(tubes))] if device == "cpu" else [list(range(len(tubes)))]
     threads = min(threads or os.cpu_count() or 1, len(shares))

@@ -27,27 +27,29 @@ def pixel_size(camera: Camera, point: np.ndarray, step: float) -> float:
     return step / float(np.linalg.norm(camera.project(point + step * np.eye(3)) - camera.project(point), axis=1).max())
 
 
-def spread(sights: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, bool]:
+def spread(sights: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """What makes the pull of all views, each within its image plane, as stiff in every direction as one view's is in two.
 
-    The inverse of the sum over views of weight (1 - i i^T): depth, of which a pair of eyes that look almost the same way
-    says little, converges as fast as the rest.
+    It is the inverse of the sum over views of weight (1 - i i^T), so that depth, of which a pair of eyes that look almost
+    the same way says little, converges as fast as the rest.
 
     Args:
-        sights: unit lines of sight i, shape (V, 3).
-        weights: of the views, shape (V,).
+        sights: unit lines of sight i to each place, shape (n, V, 3).
+        weights: of the views, shape (n, V).
 
     Returns:
-        Symmetric matrix, shape (3, 3), for each view's force times its weight; whether the views tell every direction.
+        Symmetric matrices for each view's force times its weight at a node, shape (n, 3, 3); those for what the sum over
+        a ring lacks in the weakest direction, to be added for all views and nodes at once, shape (n, 3, 3); whether the
+        views tell every direction, shape (n,), bool.
     """
-    if len(sights) == 1:
-        return np.eye(3), False
-    planes = np.eye(3) - sights[:, :, None] * sights[:, None]
-    value, axes = np.linalg.eigh((weights[:, None, None] * planes).sum(axis=0))
-    told = bool(value[0] > BLIND * value[-1])
-    if not told:
-        value[0] = value[-1]
-    return (axes / value) @ axes.T, told
+    planes = np.eye(3) - sights[..., :, None] * sights[..., None, :]
+    value, axes = np.linalg.eigh((weights[..., None, None] * planes).sum(axis=1))
+    told = value[:, 0] > BLIND * value[:, 2]
+    value[~told, 0] = value[~told, 1]
+    weakest = axes[:, :, :1]
+    lacking = (value[:, 1] / value[:, 0] - 1)[:, None, None] * weakest @ weakest.transpose(0, 2, 1)
+    value[:, 0] = value[:, 1]
+    return (axes / value[:, None]) @ axes.transpose(0, 2, 1), lacking, told
 
 
 def common_axis(rough: np.ndarray, cameras: Sequence[Camera], seen: Sequence[np.ndarray]) -> np.ndarray:

@@ -39,7 +39,6 @@ class Rig:
         field = image.Field()
         field.width, field.height, field.step, field.gain = w, h, step, 1.0
         field.x0, field.y0 = map(float, origin)
-        field.spread = wp.mat33(*map(float, np.eye(3).ravel()))
         fields = wp.array([field] * len(pairs), dtype=image.Field, device="cpu").numpy()
         m.fields.assign(fields.reshape(-1, 1))
         coupling = np.zeros((m.rings, len(COLUMNS)), np.float32)
