@@ -11,9 +11,11 @@ from ..kernels import image as image_kernels
 from .camera import Camera
 from .fabric import Fabric
 from .fields import joined, marks
-from .foreground import Foreground, axis_curve, foreground, length_of
+from .foreground import Foreground, axis_curve, length_of
+from .hidden import Hidden
 from .initial import deal, fading, initial_tube, lift
 from .model import Model
+from .neighbours import foregrounds
 from .potential import Potential, ScaleSpace
 from .problem import Settings, Tube, View
 from .sights import common_axis, pixel_size, spread
@@ -25,16 +27,21 @@ LINE_LOAD = 0.04
 
 
 def maps_of(views: list[View], tubes: list[Tube]) -> list[list[Foreground]]:
-    """The foreground maps of each tube, one for each view; its marks are of the first."""
-
-    def seen(tube: Tube, v: int) -> Foreground:
-        view, axis = views[v], np.asarray(tube.spine, float)
-        if axis.shape[1] == 2 and v > 0:
-            axis = lift(axis, views[0].camera, tube.depth)
-        flat = axis if axis.shape[1] == 2 else view.camera.project(axis)
-        return foreground(view.image, flat, view.ignore, tube.not_here if v == 0 else None)
-
-    return [[seen(tube, v) for v in range(len(views))] for tube in tubes]
+    """The foreground maps of each tube, one for each view; marks are of the first."""
+    given = [np.asarray(tube.spine, float) for tube in tubes]
+    maps = []
+    for v, view in enumerate(views):
+        world = [
+            lift(spine, views[0].camera, tube.depth) if v > 0 and spine.shape[1] == 2 else spine
+            for spine, tube in zip(given, tubes, strict=True)
+        ]
+        flat = [spine if spine.shape[1] == 2 else view.camera.project(spine) for spine in world]
+        depths = [
+            tube.depth if spine.shape[1] == 2 else float(view.camera.distance(spine).mean())
+            for spine, tube in zip(world, tubes, strict=True)
+        ]
+        maps.append(foregrounds(view, flat, [tube.not_here if v == 0 else None for tube in tubes], depths))
+    return [list(row) for row in zip(*maps, strict=True)]
 
 
 def _of_view(settings: Settings, row: list[Foreground], map_: Foreground) -> Settings:
@@ -62,6 +69,7 @@ class Assembly(Fabric):
         self.lengths = [length_of(axis_curve(a)) for a in self.axes]
         sizes = [int(np.prod(s.shape)) for row in self.spaces for s in row]
         self.sample_start = np.concatenate([[0], np.cumsum(sizes)])[:-1].reshape(len(tubes), len(views))
+        self.hidden: list[list[Hidden | None]] = [[None] * len(views) for _ in tubes]
         model = Model([t.grid for t in tubes], [t.material.closed for t in tubes], len(views), sum(sizes), device)
         super().__init__(model, tubes, settings, device, self.lengths[0], axis_curve(self.axes[0]).mean(axis=0))
         self.model.set_cameras([self._own_camera(v.camera) for v in views])
@@ -195,7 +203,9 @@ class Assembly(Fabric):
             for v, p in enumerate(row):
                 h, w = p.magnitude.shape
                 start = int(self.sample_start[k, v])
-                samples[start : start + h * w] = p.samples.reshape(-1, 4)
+                hidden = self.hidden[k][v]
+                shown = p.samples if hidden is None else hidden.seen_of(p, self.maps[k][v])
+                samples[start : start + h * w] = shown.reshape(-1, 4)
                 f = image_kernels.Field()
                 f.start, f.width, f.height = start, w, h
                 f.x0, f.y0, f.step, f.sigma = *p.origin, p.step, p.sigma

@@ -34,6 +34,8 @@ class Seen:
     """its pieces, shape (n, 2) each, image px."""
     support: list[np.ndarray]
     """for each piece, which points image data supports, shape (n,), bool."""
+    hidden: list[np.ndarray]
+    """for each piece, which points another object hides, shape (n,), bool."""
 
 
 @dataclass
@@ -72,6 +74,11 @@ class ObjectResult:
     def support(self) -> list[np.ndarray]:
         """`Seen.support` of the first view."""
         return self.seen[0].support
+
+    @property
+    def hidden(self) -> list[np.ndarray]:
+        """`Seen.hidden` of the first view."""
+        return self.seen[0].hidden
 
 
 @dataclass
@@ -116,14 +123,16 @@ def finish(
         space, map_ = scene.spaces[k][v], scene.maps[k][v]
         inside = space.inside if scene.settings.potential == "map" else np.zeros((0, 0))
         support = [contour_support(p, n, potential, inside, map_.half_width) for p, n in pieces]
-        own[view.name] = support_measures(support)
+        hider = scene.hidden[k][v]
+        hidden = [np.zeros(len(p), bool) if hider is None else hider.near(p, potential.sigma) for p, _ in pieces]
+        own[view.name] = support_measures(support, hidden)
         if scene.settings.potential == "map":
-            agreement = map_agreement(nodes, view.camera, map_, cuts)
+            agreement = map_agreement(nodes, view.camera, map_, cuts, hider)
             own[view.name] |= dict(zip(("map_agreement", "map_certainty"), agreement, strict=True))
-        seen.append(Seen([p for p, _ in pieces], [s.supported for s in support]))
+        seen.append(Seen([p for p, _ in pieces], [s.supported for s in support], hidden))
         supports += support
         outside.append(_outside(seen[-1].contour, view.image.shape[:2]))
-    measures |= support_measures(supports)
+    measures |= support_measures(supports, [flags for s in seen for flags in s.hidden])
     if scene.settings.potential == "map":  # as good as the worst view's
         measures |= {name: min(m[name] for m in own.values()) for name in ("map_agreement", "map_certainty")}
     if len(own) > 1:
