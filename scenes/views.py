@@ -1,11 +1,17 @@
-"""Several images of one near-axisymmetric solid with known truth: rings of cameras and pairs of eyes."""
+"""Several images of one near-axisymmetric solid with known truth: rings of cameras and pairs of eyes.
+
+`python -m symseek.scenes.views` writes the images, the scene file and the truth of the scene `squash_ring` anew.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from PIL import Image
 
 from ..sim.camera import Camera
 from . import shapes
@@ -20,13 +26,19 @@ DISTANCE = 5.0
 UNEVEN = 0.25
 """How far cameras stand from even places on the ring, in steps from one to the next."""
 
+RING_SEED = 12
+RING_HEAD = """# Eight small photographs round a squash, by cameras that are known, and its rough axis in two of them.
+# Written by `python -m symseek.scenes.views`; truth.npz holds the true mesh and axis.
+units = "mm"
+"""
+
 
 @dataclass(frozen=True)
 class Views:
     """Images of one solid and everything that is true of it."""
 
     images: list[np.ndarray]
-    """float32 in [0, 1], shape (H, W) each."""
+    """float32 in [0, 1], shape (H, W) each, or (H, W, 3) in colour."""
     coverages: list[np.ndarray]
     """share of each pixel that the solid covers, float32, shape (H, W) each."""
     cameras: list[Camera]
@@ -45,7 +57,7 @@ class Views:
     """of the axis."""
 
 
-def ring(seed: int, count: int, perspective: bool = False, kind: str | None = None, **look: float) -> Views:
+def ring(seed: int, count: int, perspective: bool = False, kind: str | None = None, **look: Any) -> Views:
     """A solid that stands, tilted a little, in the middle of a ring of cameras a little above it, unevenly spaced.
 
     Args:
@@ -67,7 +79,7 @@ def ring(seed: int, count: int, perspective: bool = False, kind: str | None = No
     return _seen(seed, kind, mesh, axis, turn, lambda size, scale: _cameras(eyes, size, scale, perspective), **look)
 
 
-def pair(seed: int, perspective: bool = False, kind: str | None = None, **look: float) -> Views:
+def pair(seed: int, perspective: bool = False, kind: str | None = None, **look: Any) -> Views:
     """A solid before a pair of eyes, its axis up to 35 degrees out of the image plane.
 
     Args:
@@ -114,6 +126,7 @@ def _seen(
     noise: float = 0.01,
     ambient: float = 0.6,
     click_error: float = 4.0,
+    colour: bool = False,
 ) -> Views:
     """Images of `size` by `size` pixels; `click_error` [px] at 512, more in larger images."""
     light_rng, click_rng, noise_rng = (np.random.default_rng([seed, k]) for k in range(3, 6))
@@ -123,13 +136,13 @@ def _seen(
     cameras = eyes(size, 1.0)
     wide = max(np.ptp(c.project(vertices), axis=0).max() for c in cameras)
     cameras = eyes(size, FILLED * size / wide)
-    light, paint, background = _look(light_rng, size, "bright", False)
+    light, paint, background = _look(light_rng, size, "bright", colour)
     images, coverages, clicks = [], [], []
     for camera in cameras:
         shade, cover = render(vertices, faces, (size, size), light, ambient, camera=camera)
-        image = (1 - cover) * background[..., 0] + cover * shade * paint[0]
-        image = image + noise * noise_rng.standard_normal(image.shape)
-        images.append(np.clip(image, 0, 1).astype(np.float32))
+        image = (1 - cover[..., None]) * background + (cover * shade)[..., None] * paint
+        image = np.clip(image + noise * noise_rng.standard_normal(image.shape), 0, 1).astype(np.float32)
+        images.append(image if colour else image[..., 0])
         coverages.append(cover)
         at = np.linspace(0.12, 0.88, 5) * (len(axis) - 1)
         exact = camera.project(np.stack([np.interp(at, np.arange(len(axis)), c) for c in axis.T], 1))
@@ -164,3 +177,31 @@ def _turn_x(angle: float) -> np.ndarray:
 def _turn_y(angle: float) -> np.ndarray:
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
+
+
+def write_ring(folder: Path) -> None:
+    """Write view1.jpg to view8.jpg, scene.toml and truth.npz: a crook-necked squash, eight small photographs round it."""
+    folder.mkdir(parents=True, exist_ok=True)
+    made = ring(RING_SEED, 8, perspective=True, kind="squash", size=256, colour=True)
+    text = [RING_HEAD]
+    for k, (image, camera) in enumerate(zip(made.images, made.cameras, strict=True), 1):
+        picture = Image.fromarray(np.uint8(np.round(255 * image)))
+        picture.save(folder / f"view{k}.jpg", quality=92, subsampling=0)
+        rows = ",\n     ".join(str([float(f"{x:.9g}") for x in row]) for row in camera.matrix)
+        text.append(f'[[view]]\nname = "view{k}"\nimage = "view{k}.jpg"\nprojection = "matrix"\nP = [{rows}]\n')
+    axes = {f"view{k}": np.round(made.clicks[k - 1]).astype(int).tolist() for k in (1, 3)}
+    text.append("[[object]]")
+    text += [f"spines.{name} = {points}" for name, points in axes.items()]
+    (folder / "scene.toml").write_text("\n".join(text) + "\n", encoding="utf-8")
+    np.savez_compressed(
+        folder / "truth.npz",
+        vertices=made.vertices.astype(np.float32),
+        faces=made.faces.astype(np.uint16),
+        spine=made.spine,
+        length=made.length,
+        volume=made.volume,
+    )
+
+
+if __name__ == "__main__":
+    write_ring(Path(__file__).parent / "squash_ring")

@@ -132,6 +132,4 @@ def add_forces(model: Model, state: State, contour_kind: str, literal: bool, tau
                 device=m.device,
             )
     if m.views > 1:
-        wp.launch(
-            depth.deepen, m.rings, inputs=[*sums, m.boost, s.pull, s.tangent], outputs=[s.force], device=m.device
-        )
+        wp.launch(depth.deepen, m.rings, inputs=[*sums, m.boost, s.pull, s.tangent], outputs=[s.force], device=m.device)

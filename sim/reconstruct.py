@@ -140,7 +140,14 @@ def reconstruct(
 
     maps = maps_of(views, tubes)
     lap("map")
-    for module in (elastic, coupling, contour, integrate, *[depth] * (len(views) > 1), *[spring] * any(t.springs for t in tubes)):
+    for module in (
+        elastic,
+        coupling,
+        contour,
+        integrate,
+        *[depth] * (len(views) > 1),
+        *[spring] * any(t.springs for t in tubes),
+    ):
         wp.load_module(module, device=device)
     shares = [[k] for k in range(len(tubes))] if device == "cpu" else [list(range(len(tubes)))]
     threads = min(threads or os.cpu_count() or 1, len(shares))
