@@ -177,7 +177,6 @@ def pull(
     normal: wp.vec2,
     length: float,
     literal: int,
-    spread: wp.mat33,
 ):
     """World force at one end of a contour segment that stands for `length` pixels of contour."""
     d = projection.depth(eye, c.position)
@@ -187,7 +186,7 @@ def pull(
     weight = field.gain * length * image.pixel_size(j0, j1)
     if literal != 0:
         return weight * image.chain(j0, j1, wp.vec2(value[0], value[1]))
-    return weight * (spread * image.lift(j0, j1, image.normal_pull(value, normal)))
+    return weight * image.lift(j0, j1, image.normal_pull(value, normal))
 
 
 @wp.func
@@ -197,9 +196,8 @@ def segment(
     samples: wp.array[wp.vec4],
     a: Crossing,
     b: Crossing,
-    density: float,
+    density: wp.mat33,
     literal: int,
-    spread: wp.mat33,
     force: wp.array[wp.vec3],
 ):
     """Adds the line integral of the image force over one straight piece of contour to the nodes it hangs on."""
@@ -214,8 +212,8 @@ def segment(
     ahead = projection.project(eye, a.position + 1.0e-3 * outward)
     if wp.dot(m, ahead - p) < 0.0:
         m = -m
-    scatter(force, a, density * pull(eye, field, samples, a, p, m, 0.5 * length, literal, spread))
-    scatter(force, b, density * pull(eye, field, samples, b, q, m, 0.5 * length, literal, spread))
+    scatter(force, a, density * pull(eye, field, samples, a, p, m, 0.5 * length, literal))
+    scatter(force, b, density * pull(eye, field, samples, b, q, m, 0.5 * length, literal))
 
 
 @wp.kernel(enable_backward=False)
@@ -268,10 +266,9 @@ def contour_force(
     if g00 == g10 and g00 == g01 and g00 == g11:
         return
     # a line load along s as a load per hx hs
-    density = float(n) * float(ns - 1)
+    density = float(n) * float(ns - 1) * spread[r]
     eye = eyes[view]
     field = fields[k, view]
-    along = spread[r]
     bottom = Crossing()
     top = Crossing()
     left = Crossing()
@@ -288,23 +285,23 @@ def contour_force(
         # a saddle: the sign at the cell's middle says which corners are cut off
         middle = facing_in[i] + facing_in[i10] + facing_in[i + n] + facing_in[i10 + n] >= 0.0
         if middle == g00:
-            segment(eye, field, samples, bottom, right, density, literal, along, force_out)
-            segment(eye, field, samples, top, left, density, literal, along, force_out)
+            segment(eye, field, samples, bottom, right, density, literal, force_out)
+            segment(eye, field, samples, top, left, density, literal, force_out)
         else:
-            segment(eye, field, samples, bottom, left, density, literal, along, force_out)
-            segment(eye, field, samples, top, right, density, literal, along, force_out)
+            segment(eye, field, samples, bottom, left, density, literal, force_out)
+            segment(eye, field, samples, top, right, density, literal, force_out)
     elif g00 != g10 and g01 != g11:
-        segment(eye, field, samples, bottom, top, density, literal, along, force_out)
+        segment(eye, field, samples, bottom, top, density, literal, force_out)
     elif g00 != g01 and g10 != g11:
-        segment(eye, field, samples, left, right, density, literal, along, force_out)
+        segment(eye, field, samples, left, right, density, literal, force_out)
     elif g00 != g10 and g00 != g01:
-        segment(eye, field, samples, bottom, left, density, literal, along, force_out)
+        segment(eye, field, samples, bottom, left, density, literal, force_out)
     elif g00 != g10:
-        segment(eye, field, samples, bottom, right, density, literal, along, force_out)
+        segment(eye, field, samples, bottom, right, density, literal, force_out)
     elif g00 != g01:
-        segment(eye, field, samples, left, top, density, literal, along, force_out)
+        segment(eye, field, samples, left, top, density, literal, force_out)
     else:
-        segment(eye, field, samples, top, right, density, literal, along, force_out)
+        segment(eye, field, samples, top, right, density, literal, force_out)
 
 
 @wp.kernel(enable_backward=False)
@@ -331,9 +328,8 @@ def switch_force(
     i = wp.tid()
     if wp.abs(facing_in[i]) >= tau:
         return
-    k = ring_tube[node_ring[i]]
     eye = eyes[view]
-    field = fields[k, view]
+    field = fields[ring_tube[node_ring[i]], view]
     v = tube_in[i]
     p = projection.project(eye, v)
     d = projection.depth(eye, v)
@@ -344,8 +340,8 @@ def switch_force(
         f = image.chain(j0, j1, wp.vec2(value[0], value[1]))
     else:
         m = wp.vec2(wp.dot(j0, normal_in[i]), wp.dot(j1, normal_in[i]))
-        f = spread[node_ring[i]] * image.lift(j0, j1, image.normal_pull(value, wp.normalize(m)))
-    wp.atomic_add(force_out, i, AT_NODES * field.gain * f)
+        f = image.lift(j0, j1, image.normal_pull(value, wp.normalize(m)))
+    wp.atomic_add(force_out, i, AT_NODES * field.gain * (spread[node_ring[i]] * f))
 
 
 @wp.kernel(enable_backward=False)

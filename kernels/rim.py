@@ -94,7 +94,8 @@ def rim_force(
             pull_out = wp.dot(image.normal_pull(value, outward), outward)
             if pull_out > 0.0:
                 pull_out *= free
-            f = weight * (spread[r] * image.lift(j0, j1, pull_out * outward))
+            f = weight * image.lift(j0, j1, pull_out * outward)
+        f = spread[r] * f
         if blind == 0:
             wp.atomic_add(force_out, start + x, f)
         whole += f / float(n)

@@ -128,7 +128,7 @@ class Assembly(Fabric):
 
     def _spread(self) -> None:
         """Writes how each ring's pull is spread over directions, by where it is now; and whose depth the views tell."""
-        if len(self.views) == 1:
+        if len(self.views) == 1 or self.settings.force == "paper":
             return
         where = self.state.spine.numpy() * self.unit + self.origin
         sights = np.stack([view.camera.sight(where) for view in self.views], axis=1)
