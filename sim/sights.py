@@ -18,7 +18,7 @@ ROUGH = 3
 ROUNDS = 10
 TIPS = 20.0
 """Weight of an axis' ends, which say where along it a point lies, against all else that lies across it."""
-RIDGE = 1e-3
+RIDGE = 1e-6
 """How firmly the rough axis is kept where the views say nothing."""
 
 
@@ -80,16 +80,18 @@ def common_axis(rough: np.ndarray, cameras: Sequence[Camera], seen: Sequence[np.
     axis = axis_curve(long[max(first, 0) : last + 1])
     basis = np.polynomial.legendre.legvander(np.linspace(-1, 1, len(axis)), DEGREE)
     ridge = RIDGE * len(axis) * np.kron(np.diag((1.0 + np.arange(DEGREE + 1)) ** 4), np.eye(3))
+    start, way = axis, np.zeros(3 * (DEGREE + 1))
     for _ in range(ROUNDS):
         slope = np.gradient(axis, axis=0)
         slope /= np.linalg.norm(slope, axis=1, keepdims=True)
-        normal, right = ridge.copy(), np.zeros(3 * (DEGREE + 1))
+        normal, right = ridge.copy(), -ridge @ way
         for camera, line in zip(cameras, seen, strict=True):
             rows, gaps = _pull(camera, axis, line, np.sqrt(_aside(camera, axis, slope)), 1e-4 * length)
             full = (rows[:, :, None, :] * basis[:, None, :, None]).reshape(-1, 3 * (DEGREE + 1))
             normal += full.T @ full
             right += full.T @ gaps.ravel()
-        axis = axis + basis @ np.linalg.solve(normal, right).reshape(DEGREE + 1, 3)
+        way = way + np.linalg.solve(normal, right)
+        axis = start + basis @ way.reshape(DEGREE + 1, 3)
     return axis_curve(axis)
 
 
