@@ -55,7 +55,6 @@ def surface_normal(
 @wp.kernel(enable_backward=False)
 def normals(
     # model
-    node_ring: wp.array[int],
     ring_tube: wp.array[int],
     ring_node: wp.array[int],
     ring_s: wp.array[int],
@@ -73,16 +72,16 @@ def normals(
     normal_out: wp.array[wp.vec3],
     facing_out: wp.array[float],
 ):
-    """Sets the unit normal n and i.n of (12) at each node for one view."""
-    i = wp.tid()
-    r = node_ring[i]
-    k = ring_tube[r]
+    """Sets the unit normal n and i.n of (12) at each ring's nodes for one view."""
+    r = wp.tid()
     start = ring_node[r]
-    n = tube_nx[k]
+    n = tube_nx[ring_tube[r]]
     s = ring_s[r]
-    m = surface_normal(tube_in, start, i - start, n, s, ring_first[r], ring_last[r], centroid_in, r, ring_closed[r])
-    normal_out[i] = m
-    facing_out[i] = wp.dot(projection.sight(eyes[view], tube_in[i]), m)
+    eye = eyes[view]
+    for x in range(n):
+        m = surface_normal(tube_in, start, x, n, s, ring_first[r], ring_last[r], centroid_in, r, ring_closed[r])
+        normal_out[start + x] = m
+        facing_out[start + x] = wp.dot(projection.sight(eye, tube_in[start + x]), m)
 
 
 @wp.func
@@ -228,7 +227,7 @@ def contour_force(
     ring_first: wp.array[int],
     ring_last: wp.array[int],
     eyes: wp.array[projection.Eye],
-    fields: wp.array2d[image.Field],
+    fields: wp.array[image.Field],
     samples: wp.array[wp.vec4],
     spread: wp.array[wp.mat33],
     # state in
@@ -253,7 +252,7 @@ def contour_force(
         return
     start = ring_node[r]
     if (s + 1 == ring_last[r + 1] and s + 1 < ns - 1) or (s == ring_first[r] and s > 0):
-        if blind(eyes[view], tube_in[start], tube_in[start + n], fields[k, view].sigma) != 0:
+        if blind(eyes[view], tube_in[start], tube_in[start + n], fields[k].sigma) != 0:
             return
     first = ring_first[r + 1]
     last = ring_last[r]
@@ -268,7 +267,7 @@ def contour_force(
     # a line load along s as a load per hx hs
     density = float(n) * float(ns - 1) * spread[r]
     eye = eyes[view]
-    field = fields[k, view]
+    field = fields[k]
     bottom = Crossing()
     top = Crossing()
     left = Crossing()
@@ -310,7 +309,7 @@ def switch_force(
     node_ring: wp.array[int],
     ring_tube: wp.array[int],
     eyes: wp.array[projection.Eye],
-    fields: wp.array2d[image.Field],
+    fields: wp.array[image.Field],
     samples: wp.array[wp.vec4],
     spread: wp.array[wp.mat33],
     # state in
@@ -329,7 +328,7 @@ def switch_force(
     if wp.abs(facing_in[i]) >= tau:
         return
     eye = eyes[view]
-    field = fields[ring_tube[node_ring[i]], view]
+    field = fields[ring_tube[node_ring[i]]]
     v = tube_in[i]
     p = projection.project(eye, v)
     d = projection.depth(eye, v)
@@ -353,7 +352,7 @@ def pole_force(
     tube_ns: wp.array[int],
     ring_closed: wp.array[int],
     eyes: wp.array[projection.Eye],
-    fields: wp.array2d[image.Field],
+    fields: wp.array[image.Field],
     samples: wp.array[wp.vec4],
     spread: wp.array[wp.mat33],
     # state in
@@ -383,7 +382,7 @@ def pole_force(
     if ring_closed[ring] == 0:
         return
     eye = eyes[view]
-    field = fields[k, view]
+    field = fields[k]
     v = tube_in[node]
     p = projection.project(eye, v)
     q = projection.project(eye, spine_in[inner])

@@ -111,7 +111,7 @@ class Model:
             wp.zeros(self.nodes, dtype=float, device=device) for _ in range(5)
         )
         self.w1, self.w2 = (wp.zeros(self.rings, dtype=float, device=device) for _ in range(2))
-        self.coupling = wp.zeros((self.rings, 8), dtype=float, device=device)
+        self.coupling = wp.zeros(self.rings, dtype=coupling.Coupling, device=device)
         basis = np.concatenate([bend_basis(ns) for _, ns in grids]).astype(np.float32)
         self.bend_basis = wp.array(basis, dtype=float, device=device)
         nearest = np.tile(np.eye(1, int(coupling.WINDOW), dtype=np.float32), (self.rings, 1))

@@ -186,8 +186,8 @@ class _Look:
         self.last = iteration
         self.wakes += done
         for part, changed in zip(self.parts, self.visibility.refresh([p.scene for p in self.parts]), strict=True):
-            if changed and not part.diverged:
-                part.see_again()
+            if not part.diverged and any(hidden is not None for views in part.scene.hidden for hidden in views) | changed:
+                part.see_again(changed)
 
 
 def _run(
