@@ -170,6 +170,37 @@ def ring_means(
 
 
 @wp.kernel(enable_backward=False)
+def ring_tension(
+    # model
+    ring_s: wp.array[int],
+    ring_first: wp.array[int],
+    ring_last: wp.array[int],
+    ring_hold: wp.array[float],
+    # state in
+    gap_in: wp.array[float],
+    # out
+    tension_out: wp.array[float],
+):
+    """Sets the tension of each ring's edges to the next, which keeps rings from sliding along the surface for ever.
+
+    That of springs of stiffness `ring_hold` on the mean edges, less what those of a piece between discontinuities have in
+    common: minus the gradient of sum hold/2 (gap - its share of all gaps)^2. It keeps shares, and neither draws nor pushes
+    ends.
+    """
+    r = wp.tid()
+    s = ring_s[r]
+    tension_out[r] = 0.0
+    if ring_hold[r] == 0.0 or s >= ring_last[r]:
+        return
+    length = float(0.0)
+    compliance = float(0.0)
+    for q in range(r - s + ring_first[r + 1], r - s + ring_last[r]):
+        length += gap_in[q]
+        compliance += 1.0 / ring_hold[q]
+    tension_out[r] = ring_hold[r] * gap_in[r] - length / compliance
+
+
+@wp.kernel(enable_backward=False)
 def tube_force(
     # model
     ring_tube: wp.array[int],
@@ -193,12 +224,13 @@ def tube_force(
     radius_in: wp.array[float],
     gap_in: wp.array[float],
     tangent_in: wp.array[wp.vec3],
+    tension_in: wp.array[float],
     # out
     force_out: wp.array[wp.vec3],
 ):
     """Sets the intrinsic force on each ring's nodes: (5), f_a, f_b, f_c of (10) and ours.
 
-    Ours are upright rings, centred poles, the hold of depth.
+    Ours are upright rings, centred poles, the hold of depth, rings held along the surface.
     Forces are loads per hx hs, so end nodes, which own half a cell, carry half.
     """
     r = wp.tid()
@@ -255,6 +287,10 @@ def tube_force(
         # from the centroid, as the contraction that it cancels: from the spine it would push rings along it
         f += swell * unit(v - centroid) + upright(weight[5], v - centroid, tangent)
         f = even + own * f + elastic.line_force(tube_in, w01, w02, i, n, s, ns, hs)
+        if s > 0:
+            f += tension_in[r - 1] / hs * unit(tube_in[i - n] - v)
+        if s < ns - 1:
+            f += tension_in[r] / hs * unit(tube_in[i + n] - v)
         if before != 0.0:
             f += before * centre_pole(v, tube_in[i - n], gap_in[r - 1])
         if after != 0.0:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warp as wp
 
-from ..kernels import contour, coupling, depth, elastic, rim
+from ..kernels import contour, coupling, depth, elastic, pole, rim
 from .model import Model, State
 
 
@@ -28,11 +28,18 @@ def add_forces(model: Model, state: State, contour_kind: str, literal: bool, tau
         device=m.device,
     )
     wp.launch(
+        coupling.ring_tension,
+        m.rings,
+        inputs=[m.ring_s, m.ring_first, m.ring_last, m.ring_hold, s.gap],
+        outputs=[s.held],
+        device=m.device,
+    )
+    wp.launch(
         coupling.tube_force,
         m.rings,
         inputs=[
             *ring, m.ring_closed, m.w10, m.w20, m.w11, m.w01, m.w02, m.coupling, m.depth_rest, m.eyes,
-            s.tube, s.spine, s.centroid, s.radius, s.gap, s.tangent,
+            s.tube, s.spine, s.centroid, s.radius, s.gap, s.tangent, s.held,
         ],
         outputs=[s.force],
         device=m.device,
@@ -89,18 +96,18 @@ def add_forces(model: Model, state: State, contour_kind: str, literal: bool, tau
         wp.launch(
             contour.normals,
             m.rings,
-            inputs=[*ring[:-1], m.ring_first, m.ring_last, m.ring_closed, m.eyes, s.tube, s.centroid, view],
+            inputs=[*ring[:-1], m.ring_first, m.ring_last, m.ring_closed, m.eyes, s.tube, view],
             outputs=[s.normal, s.facing],
             device=m.device,
         )
         potentials = [m.eyes, m.fields[:, view], m.samples, m.spread]
         pictures = [*potentials, s.tube, s.normal, s.facing, view, int(literal)]
         wp.launch(
-            contour.pole_force,
+            pole.pole_force,
             2 * m.tubes,
             inputs=[
                 m.tube_node, m.tube_ring, m.tube_nx, m.tube_ns, m.ring_closed, *potentials,
-                s.tube, s.spine, s.facing, view,
+                s.tube, s.spine, s.facing, view, m.views,
             ],
             outputs=[s.force],
             device=m.device,

@@ -11,9 +11,10 @@ from dataclasses import replace
 import numpy as np
 import warp as wp
 
-from ..kernels import contour, coupling, depth, elastic, integrate, spring
+from ..kernels import contour, coupling, depth, elastic, integrate, pole, spring
 from .assembly import Assembly, maps_of
 from .material import Weight
+from .order import in_order, tell
 from .problem import Settings, Tube, View
 from .relax import Relaxation, thinned
 from .result import ObjectResult, Result, finish
@@ -138,16 +139,11 @@ def reconstruct(
         seconds[name] = seconds.get(name, 0.0) + now - clock
         clock = now
 
+    tubes, found = in_order(views[0], tubes)
     maps = maps_of(views, tubes)
     lap("map")
-    for module in (
-        elastic,
-        coupling,
-        contour,
-        integrate,
-        *[depth] * (len(views) > 1),
-        *[spring] * any(t.springs for t in tubes),
-    ):
+    several, held = [depth] * (len(views) > 1), [spring] * any(tube.springs for tube in tubes)
+    for module in (elastic, coupling, contour, pole, integrate, *several, *held):
         wp.load_module(module, device=device)
     shares = [[k] for k in range(len(tubes))] if device == "cpu" else [list(range(len(tubes)))]
     threads = min(threads or os.cpu_count() or 1, len(shares))
@@ -162,7 +158,9 @@ def reconstruct(
         waited = sum(part.waited for part in parts) / threads
         lap("solve")
         seconds["potential"], seconds["solve"] = waited, seconds["solve"] - waited
-        objects = [o for found in pool.map(_finished, parts) for o in found]
+        objects = [o for finished in pool.map(_finished, parts) for o in finished]
+    for o, order in zip(objects, found, strict=True):
+        tell(o, order)
     lap("measure")
     h, w = views[0].image.shape[:2]
     foreground = maps[0][0].in_image((h, w)) if settings.potential == "map" else None

@@ -140,6 +140,8 @@ class Relaxation:
             if self.stage > 0:
                 scene.deal()
             scene.hold_tangents()
+            if self.last:
+                scene.hold_rings()
             scene.hold_depth()
             self.loop.set_material(max(LEAST_SHARE, (self.sigma / self._sigmas[0][0][0]) ** 2))
             self.loop.hold_springs(self.iteration)

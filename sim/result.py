@@ -9,7 +9,7 @@ import numpy as np
 
 from .assembly import Assembly
 from .fields import Cut
-from .measure import contour_support, map_agreement, shape_measures, support_measures
+from .measure import Support, contour_support, map_agreement, shape_measures, support_measures
 from .potential import Potential, PotentialPicture
 from .problem import Settings
 from .surface import occluding_contour, refine
@@ -18,10 +18,12 @@ LEAST_SUPPORT = 0.6
 """Share of the contour that image data must support."""
 LEAST_AGREEMENT, LEAST_CERTAINTY = 0.98, 0.85
 """Of the tube with the foreground map, and of the map itself; see `map_agreement`."""
+MOST_OUTSIDE, MOST_CUT = 0.02, 0.5
+"""Share of the contour that may lie beyond the image; and where it is an end that does."""
+PARTIAL = "the object leaves the image: what lies beyond the border is a guess, and with it length, volume and area"
+"""Said of such an object, which may be trusted as far as it is seen."""
 MOST_HIDDEN = 0.5
 """Share of the contour that other objects may hide."""
-MOST_OUTSIDE = 0.02
-"""Share of the contour that may lie beyond the image."""
 UNREST = 0.015
 """How far nodes may still move (root mean square) in the last tenth of a run that did not converge, in greatest radii."""
 FOLDED = 0.25
@@ -119,30 +121,37 @@ def finish(
     cuts = list(scene.weights.cuts[k])
     vertices, faces = refine(nodes, cuts=cuts)
     measures: dict[str, Any] = shape_measures(nodes, spine, cuts, scene.weights.spine_cuts[k])
-    seen, supports, own, outside = [], [], {}, []
+    seen, supports, hidden, own, ends, left = [], [], [], {}, np.zeros(2, bool), []
     for v, (view, potential) in enumerate(zip(scene.views, potentials, strict=True)):
-        pieces = occluding_contour(nodes, view.camera, cuts)
-        space, map_ = scene.spaces[k][v], scene.maps[k][v]
+        pieces, size = occluding_contour(nodes, view.camera, cuts), view.image.shape[:2]
+        space, map_, hider = scene.spaces[k][v], scene.maps[k][v], scene.hidden[k][v]
         inside = space.inside if scene.settings.potential == "map" else np.zeros((0, 0))
         support = [contour_support(p, n, potential, inside, map_.half_width) for p, n in pieces]
-        hider = scene.hidden[k][v]
-        hidden = [np.zeros(len(p), bool) if hider is None else hider.near(p, potential.sigma) for p, _ in pieces]
-        own[view.name] = support_measures(support, hidden)
+        on = [_in_image(p, size) for p, _ in pieces]
+        hides = [np.zeros(len(p), bool) if hider is None else hider.near(p, potential.sigma) for p, _ in pieces]
+        within = [Support(s.supported[i], s.offset[i]) for s, i in zip(support, on, strict=True)]
+        unseen = [h[i] for h, i in zip(hides, on, strict=True)]
+        own[view.name] = support_measures(within, unseen)
         if scene.settings.potential == "map":
             agreement = map_agreement(nodes, view.camera, map_, cuts, hider)
             own[view.name] |= dict(zip(("map_agreement", "map_certainty"), agreement, strict=True))
-        seen.append(Seen([p for p, _ in pieces], [s.supported for s in support], hidden))
-        supports += support
-        outside.append(_outside(seen[-1].contour, view.image.shape[:2]))
-    measures |= support_measures(supports, [flags for s in seen for flags in s.hidden])
+        seen.append(Seen([p for p, _ in pieces], [s.supported for s in support], hides))
+        supports, hidden = supports + within, hidden + unseen
+        outside = 1 - float(np.concatenate(on or [np.zeros(0, bool)]).mean()) if sum(map(len, on)) else 1.0
+        held = _in_image(view.camera.project(spine[[0, -1]]), size)
+        cut = MOST_OUTSIDE < outside < MOST_CUT and not held.all()
+        left.append((outside, cut))
+        ends |= held
+    measures |= support_measures(supports, hidden)
     if scene.settings.potential == "map":  # as good as the worst view's
         measures |= {name: min(m[name] for m in own.values()) for name in ("map_agreement", "map_certainty")}
     if len(own) > 1:
         measures["views"] = own
+    measures["partial"] = any(cut for _, cut in left) and not bool(ends.all())
     before = history[-1 - max(1, len(history) // 10)][0]
     moved = float(np.sqrt(((nodes - before) ** 2).sum(axis=2).mean()))
     unrest = not converged and moved > UNREST * max(measures["radius"])
-    warnings = _doubts(measures, max(outside), iterations, unrest, diverged)
+    doubts = _doubts(measures, any(o > MOST_OUTSIDE and not cut for o, cut in left), iterations, unrest, diverged)
     return ObjectResult(
         name=scene.tubes[k].name,
         tube=nodes[None],
@@ -156,21 +165,20 @@ def finish(
         cuts=cuts,
         iterations=iterations,
         converged=converged,
-        trusted=not warnings,
-        warnings=warnings,
+        trusted=not doubts,
+        warnings=[*doubts, *[PARTIAL] * measures["partial"]],
     )
 
 
-def _outside(contour: list[np.ndarray], shape: tuple[int, ...]) -> float:
-    """Share of a contour's points that lie beyond an image of a shape (H, W); 1 where there is no contour."""
-    points = np.concatenate(contour or [np.zeros((0, 2))])
-    beyond = (points < -0.5).any(axis=1) | (points > [shape[1] - 0.5, shape[0] - 0.5]).any(axis=1)
-    return float(beyond.mean()) if len(points) else 1.0
+def _in_image(points: np.ndarray, size: tuple[int, ...]) -> np.ndarray:
+    """Which image points, shape (n, 2), lie on a pixel of an image of `size` (height, width)."""
+    h, w = size
+    return np.all((points >= -0.5) & (points <= [w - 0.5, h - 0.5]), axis=1)
 
 
 def _doubts(
     measures: dict[str, Any],
-    outside: float,
+    left: bool,
     iterations: int,
     unrest: bool,
     diverged: bool,
@@ -197,7 +205,7 @@ def _doubts(
             "the object's colours and edges part it poorly from what is around it: check the foreground map, or mark with"
             " not_here or ignore what it must not take"
         )
-    if outside > MOST_OUTSIDE:
+    if left:
         doubts.append("the tube has left the image: what lies beyond the border is a guess")
     station, radius = np.array(measures["station"]), np.array(measures["radius"])
     rings = np.pi * np.trapezoid(radius**2, station)

@@ -279,3 +279,16 @@ def test_poles_on_the_contour_are_pushed_along_the_spine():
         np.testing.assert_allclose(force[-1], np.tile(push * outward, (8, 1)), atol=ATOL)
         np.testing.assert_allclose(force[0], np.tile(-push * outward, (8, 1)), atol=ATOL)
         np.testing.assert_array_equal(force[1:-1], 0)
+
+
+def test_pole_of_a_flat_end_keeps_its_normal():
+    """It is that of the ring beside it, wherever in the ring's plane rounding puts the pole."""
+    spine = even_spine(7)
+    tube = circles(spine, 0.3, 12)
+    for end, beside in ((0, 1), (-1, -2)):
+        tube[end] = spine[beside] + np.array([0.0, 1e-7, 1e-6])
+    rig = Rig((tube, spine), closed=True)
+    rig.forces()
+    normal = rig.state.normal.numpy().reshape(7, 12, 3)
+    for end, side in ((0, -1.0), (-1, 1.0)):
+        np.testing.assert_allclose(normal[end], np.tile([0, side, 0], (12, 1)), atol=1e-5)
