@@ -213,10 +213,13 @@ class Assembly(Fabric):
         return float(max(across, np.linalg.norm(way[ends], axis=1).max(initial=0.0)))
 
     def _seen(self, nodes: np.ndarray) -> np.ndarray:
-        """Which nodes, shape (N, 3), own units, lie in the first view's image."""
-        h, w = self.views[0].image.shape[:2]
-        points = self._own_camera(self.views[0].camera).project(nodes)
-        return np.all((points >= -0.5) & (points <= [w - 0.5, h - 0.5]), axis=1)
+        """Which nodes, shape (N, 3), own units, lie in the image of any view."""
+        seen = np.zeros(len(nodes), bool)
+        for view in self.views:
+            h, w = view.image.shape[:2]
+            points = self._own_camera(view.camera).project(nodes)
+            seen |= np.all((points >= -0.5) & (points <= [w - 0.5, h - 0.5]), axis=1)
+        return seen
 
     def set_potentials(self, potentials: list[list[Potential]]) -> None:
         """Hands the potentials of one scale to the kernels, one for each tube and view."""
@@ -232,8 +235,8 @@ class Assembly(Fabric):
                 f = image_kernels.Field()
                 f.start, f.width, f.height = start, w, h
                 f.x0, f.y0, f.step, f.sigma = *p.origin, p.step, p.sigma
-                f.first = wp.vec2(0.0, 0.0)
-                f.last = wp.vec2(*(float(n - 1) for n in self.views[v].image.shape[1::-1]))
+                height, width = self.views[v].image.shape[:2]
+                f.first, f.last = wp.vec2(0.0, 0.0), wp.vec2(float(width - 1), float(height - 1))
                 # contour length counts in lengths of the tube's own spine
                 f.gain = self.settings.gain * LINE_LOAD * self.unit / self.lengths[k]
                 if self.settings.force == "paper":

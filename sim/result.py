@@ -121,36 +121,37 @@ def finish(
     cuts = list(scene.weights.cuts[k])
     vertices, faces = refine(nodes, cuts=cuts)
     measures: dict[str, Any] = shape_measures(nodes, spine, cuts, scene.weights.spine_cuts[k])
-    shown, supports, own, outside, ends = [], [], {}, [], []
+    seen, supports, hidden, own, ends, left = [], [], [], {}, np.zeros(2, bool), []
     for v, (view, potential) in enumerate(zip(scene.views, potentials, strict=True)):
         pieces, size = occluding_contour(nodes, view.camera, cuts), view.image.shape[:2]
-        space, map_ = scene.spaces[k][v], scene.maps[k][v]
+        space, map_, hider = scene.spaces[k][v], scene.maps[k][v], scene.hidden[k][v]
         inside = space.inside if scene.settings.potential == "map" else np.zeros((0, 0))
         support = [contour_support(p, n, potential, inside, map_.half_width) for p, n in pieces]
-        hider = scene.hidden[k][v]
-        hidden = [np.zeros(len(p), bool) if hider is None else hider.near(p, potential.sigma) for p, _ in pieces]
-        seen = [_in_image(p, size) for p, _ in pieces]
-        within = [Support(s.supported[on], s.offset[on]) for s, on in zip(support, seen, strict=True)]
-        behind = [h[on] for h, on in zip(hidden, seen, strict=True)]
-        own[view.name] = support_measures(within, behind)
+        on = [_in_image(p, size) for p, _ in pieces]
+        hides = [np.zeros(len(p), bool) if hider is None else hider.near(p, potential.sigma) for p, _ in pieces]
+        within = [Support(s.supported[i], s.offset[i]) for s, i in zip(support, on, strict=True)]
+        unseen = [h[i] for h, i in zip(hides, on, strict=True)]
+        own[view.name] = support_measures(within, unseen)
         if scene.settings.potential == "map":
             agreement = map_agreement(nodes, view.camera, map_, cuts, hider)
             own[view.name] |= dict(zip(("map_agreement", "map_certainty"), agreement, strict=True))
-        shown.append(Seen([p for p, _ in pieces], [s.supported for s in support], hidden))
-        supports += list(zip(within, behind, strict=True))
-        outside.append(1 - float(np.concatenate(seen).mean()) if sum(map(len, seen)) else 1.0)
-        ends.append(_in_image(view.camera.project(spine[[0, -1]]), size))
-    measures |= support_measures([s for s, _ in supports], [flags for _, flags in supports])
+        seen.append(Seen([p for p, _ in pieces], [s.supported for s in support], hides))
+        supports, hidden = supports + within, hidden + unseen
+        outside = 1 - float(np.concatenate(on or [np.zeros(0, bool)]).mean()) if sum(map(len, on)) else 1.0
+        held = _in_image(view.camera.project(spine[[0, -1]]), size)
+        cut = MOST_OUTSIDE < outside < MOST_CUT and not held.all()
+        left.append((outside, cut))
+        ends |= held
+    measures |= support_measures(supports, hidden)
     if scene.settings.potential == "map":  # as good as the worst view's
         measures |= {name: min(m[name] for m in own.values()) for name in ("map_agreement", "map_certainty")}
     if len(own) > 1:
         measures["views"] = own
-    # what one view cuts off another may see
-    measures["partial"] = MOST_OUTSIDE < min(outside) < MOST_CUT and not np.any(ends, axis=0).all()
+    measures["partial"] = any(cut for _, cut in left) and not bool(ends.all())
     before = history[-1 - max(1, len(history) // 10)][0]
     moved = float(np.sqrt(((nodes - before) ** 2).sum(axis=2).mean()))
     unrest = not converged and moved > UNREST * max(measures["radius"])
-    doubts = _doubts(measures, max(outside), iterations, unrest, diverged)
+    doubts = _doubts(measures, any(o > MOST_OUTSIDE and not cut for o, cut in left), iterations, unrest, diverged)
     return ObjectResult(
         name=scene.tubes[k].name,
         tube=nodes[None],
@@ -177,7 +178,7 @@ def _in_image(points: np.ndarray, size: tuple[int, ...]) -> np.ndarray:
 
 def _doubts(
     measures: dict[str, Any],
-    outside: float,
+    left: bool,
     iterations: int,
     unrest: bool,
     diverged: bool,
@@ -204,7 +205,7 @@ def _doubts(
             "the object's colours and edges part it poorly from what is around it: check the foreground map, or mark with"
             " not_here or ignore what it must not take"
         )
-    if outside > MOST_OUTSIDE and not measures["partial"]:
+    if left:
         doubts.append("the tube has left the image: what lies beyond the border is a guess")
     station, radius = np.array(measures["station"]), np.array(measures["radius"])
     rings = np.pi * np.trapezoid(radius**2, station)

@@ -192,13 +192,15 @@ def _grid(table: Table) -> tuple[int, int]:
     return grid[0], grid[1]
 
 
-def _find_depth(table: Table, view: View, in_image: bool) -> bool:
+def _find_depth(table: Table, views: list[View], in_image: bool) -> bool:
     """Whether depth = "auto"."""
     if table.take("depth", 0.0) != "auto":
         return False
     if not in_image:
         table.fail("depth", 'is "auto" beside a spine in world points', "remove it: they have their depth")
-    if not view.camera.affine:
+    if len(views) > 1:
+        table.fail("depth", 'is "auto" beside several views', "give a rough depth: they tell the true one")
+    if not views[0].camera.affine:
         table.fail("depth", 'is "auto" in a perspective view', "give the object's distance along the view's axis")
     return True
 
@@ -221,7 +223,7 @@ def _tube(table: Table, views: list[View], scale: float, shared: dict[str, Any])
         radius = table.number("radius", above=0.0, most=widest)
     spine, grid = _spines(table, views) if "spines" in table else _spine(table, view), _grid(table)
     height, width = view.image.shape[:2]
-    find_depth = _find_depth(table, view, spine.shape[1] == 2)
+    find_depth = _find_depth(table, views, spine.shape[1] == 2)
     depth = 0.0 if find_depth else _depth(table, view, spine.shape[1] == 2)
     _all_see(table, views, spine, depth)
     return Tube(
