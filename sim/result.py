@@ -159,7 +159,7 @@ def finish(
         velocity=scene.velocity(k)[None],
         vertices=vertices,
         faces=faces,
-        seen=shown,
+        seen=seen,
         measures=measures,
         history=history,
         cuts=cuts,
