@@ -40,6 +40,10 @@ class Drawing:
     """the axis that the user gave."""
     spine_last: np.ndarray | None = None
     """the axis that was found."""
+    hidden: Sequence[np.ndarray] = ()
+    """likewise, which points another object hides: drawn dashed; empty: none."""
+    colour: Colour = SUPPORTED
+    """of the contour."""
     line: bool = False
     """what the user gave is a curve rather than an axis."""
     pulls: Polylines = ()
@@ -154,11 +158,15 @@ def draw(picture: np.ndarray, photo: Photo, drawing: Drawing, width: float) -> N
         _haloed(picture, [photo.place(drawing.spine_last)], SPINE_LAST, width * 1.1)
     contour = _placed(photo, drawing.contour)
     support = drawing.support if len(drawing.support) else [np.ones(len(line), bool) for line in contour]
-    flagged = list(zip(contour, support, strict=True))
-    loose = [part for line, flags in flagged for part in runs(line, flags, False)]
-    loose = [dash for part in loose for dash in dashes(part, 7 * width, 5 * width)]
-    _haloed(picture, loose, UNSUPPORTED, width * 1.6)
-    _haloed(picture, [part for line, flags in flagged for part in runs(line, flags, True)], SUPPORTED, width * 1.6)
+    hidden = drawing.hidden if len(drawing.hidden) else [np.zeros(len(line), bool) for line in contour]
+    flagged = list(zip(contour, support, hidden, strict=True))
+    for parts, colour, thick in (
+        ([part for line, _, behind in flagged for part in runs(line, ~behind, False)], drawing.colour, 1.0),
+        ([part for line, held, behind in flagged for part in runs(line, held | behind, False)], UNSUPPORTED, 1.6),
+    ):
+        _haloed(picture, [dash for part in parts for dash in dashes(part, 7 * width, 5 * width)], colour, width * thick)
+    seen = [part for line, held, behind in flagged for part in runs(line, held & ~behind, True)]
+    _haloed(picture, seen, drawing.colour, width * 1.6)
     pulls = _placed(photo, drawing.pulls)
     _haloed(picture, pulls, PULL, width * 1.3)
     _haloed(picture, [line[-1:] for line in pulls], PULL, width * 5)
@@ -205,13 +213,16 @@ def _legend(picture: np.ndarray, photo: Photo, drawings: Sequence[Drawing], widt
 def _entries(drawings: Sequence[Drawing]) -> list[tuple[str, Colour, float, bool]]:
     """(words, colour, width, dashed) of what the drawings hold."""
     loose = any(not np.all(flags) for drawing in drawings for flags in drawing.support)
+    behind = any(np.any(flags) for drawing in drawings for flags in drawing.hidden)
+    colour = next((drawing.colour for drawing in drawings), SUPPORTED)
     return [
         entry
         for there, entry in (
             (
                 any(len(d.contour) for d in drawings),
-                ("contour, supported by the image", SUPPORTED, 1.6, False),
+                ("contour, supported by the image", colour, 1.6, False),
             ),
+            (behind, ("contour, hidden", colour, 1.0, True)),
             (loose, ("contour, unsupported", UNSUPPORTED, 1.6, True)),
             (any(len(d.wire) for d in drawings), ("model", WIRE, 0.7, False)),
             (any(d.spine_first is not None and not d.line for d in drawings), ("axis given", SPINE_FIRST, 0.9, True)),

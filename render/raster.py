@@ -134,6 +134,23 @@ class Renderer:
             stroke(picture, seen, Pen(line_colour, line_width, 0.85))
         return picture
 
+    def wires(self, meshes: Meshes, viewpoint: Viewpoint, wires: Sequence[Polylines], paper: Colour) -> np.ndarray:
+        """Wire frames on paper, shape (H, W, 3), uint8, each in its mesh's colour and hidden where any mesh hides it.
+
+        Args:
+            meshes: (vertices, faces, colour) each.
+            viewpoint: where the viewer stands.
+            wires: of each mesh, polylines in the world, shape (n, 3) each.
+            paper: sRGB of the ground.
+        """
+        self._layer(meshes, viewpoint)
+        depth = self._surface.depth()
+        picture = np.full((self.height, self.width, 3), paper, np.uint8)
+        for lines, (_, _, colour) in zip(wires, meshes, strict=True):
+            seen = [part for line in lines for part in self._unhidden(line, viewpoint, depth)]
+            stroke(picture, seen, Pen(colour, 0.8))
+        return picture
+
     def alpha(self, meshes: Meshes, viewpoint: Viewpoint) -> np.ndarray:
         """Share of each pixel that the meshes cover, shape (H, W), float32 in [0, 1]."""
         layer, (left, top, right, bottom) = self._layer(meshes, viewpoint)

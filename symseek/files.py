@@ -24,12 +24,14 @@ from .render.export import write_glb, write_ply
 from .render.figures import potentials_sheet, views_sheet
 from .render.files import write_picture
 from .render.lines import Colour
-from .render.overlay import Drawing, draw_overlay
+from .render.overlay import SUPPORTED, Drawing, draw_overlay
 from .render.platform import RenderError
+from .render.stages import Stage, stages_sheet, turning_frames
 from .render.video import write_mp4
 from .scene import METRES
 from .sim.camera import Camera
 from .sim.fields import Cut
+from .sim.figure import Figure
 from .sim.problem import Sheet, Snake, Tube, View
 from .sim.result import ObjectResult
 from .sim.snake import LineResult, grid_lines, outline, sheet_mesh
@@ -40,8 +42,8 @@ if TYPE_CHECKING:
 
 COLOURS = [(226, 142, 52), (86, 160, 211), (122, 182, 72), (204, 102, 153), (230, 200, 80), (150, 130, 205)]
 """sRGB of the objects, in turn."""
-SNAPSHOTS = 90
-"""Most states of the deformation that the video shows."""
+SNAPSHOTS, STATES = (12, 90), 2000
+"""Bounds of how many states of the deformation the video shows; of all objects together."""
 ASTRAY = "the model has grown out of the image"
 FORMS = {
     "adi": "alternating directions, section 5",
@@ -85,9 +87,12 @@ def write(result: Result, folder: Path, tell: Callable[[str], None]) -> list[str
         _write_meshes(result, folder)
     phase("meshes", "drawing pictures ...")
     _write_pictures(result, folder)
-    phase("pictures", "rendering the video ..." if want.video else "")
+    phase("pictures", "rendering the video ..." if want.video or want.turning else "")
     if want.video:
         _write_video(result, folder / "reconstruction.mp4")
+    if want.turning and result.objects:
+        _write_turning(result, folder / "turning.mp4")
+    if want.video or want.turning:
         phase("video", "")
     names = [RECORD, *sorted(f.name for f in folder.iterdir())]
     text = json.dumps(_record(result, names), indent=1, ensure_ascii=False, allow_nan=False)
@@ -123,6 +128,8 @@ def _write_meshes(result: Result, folder: Path) -> None:
             time=np.zeros(len(o.tube)),
             units=np.array(scene.units),
         )
+    for figure, colour in zip(result.figures, _colours(), strict=False):
+        mesh(figure.name, figure.vertices, figure.faces, colour)
     for o, colour in zip(result.lines, _colours(len(result.objects)), strict=False):
         if o.kind == "sheet":
             mesh(o.name, *sheet_mesh(o.nodes[0]), colour)
@@ -139,8 +146,8 @@ def _write_pictures(result: Result, folder: Path) -> None:
     result.skipped |= {f"{name}.png": ASTRAY for name, left_out in lost.items() if left_out}
     if want.overlay and not astray:
         drawings = [
-            _drawing(tube, view.camera, o.tube[0], o.spine[0], o.contour, o.support, o.cuts)
-            for tube, o in zip(result.scene.tubes, result.objects, strict=True)
+            _drawing(tube, view.camera, o.tube[0], o.spine[0], o.contour, o.support, o.cuts, colour)
+            for tube, o, colour in zip(result.scene.tubes, result.objects, _contours(result), strict=False)
         ]
         drawings += [
             _line_drawing(given, view.camera, o.history[-1], o.contour, o.support)
@@ -164,6 +171,37 @@ def _write_pictures(result: Result, folder: Path) -> None:
         except RenderError as problem:
             result.skipped["views.png"] = str(problem)
 
+    several = len(result.objects) > 1 if want.stages is None else want.stages and bool(result.objects)
+    if several:
+        if not all(_in_reach(view, o, i) for o in result.objects for i in (0, -1)):
+            result.skipped["stages.png"] = ASTRAY
+            return
+        try:
+            write_picture(folder / "stages.png", stages_sheet(view.image, _stages(result), _front(result)))
+        except RenderError as problem:
+            result.skipped["stages.png"] = str(problem)
+
+
+def _stages(result: Result) -> list[Stage]:
+    camera, stages = result.scene.views[0].camera, []
+    for tube, o, colour in zip(result.scene.tubes, result.objects, _colours(), strict=False):
+        given = tube.spine if tube.spine.shape[1] == 2 else camera.project(tube.spine)
+        found = camera.project(o.spine[0])
+        stages.append(Stage(colour, given, found, _mesh(o, 0), _mesh(o, -1), wire(o.tube[0], cuts=o.cuts)))
+    return stages
+
+
+def _write_turning(result: Result, path: Path) -> None:
+    if not all(_in_reach(result.scene.views[0], o, -1) for o in result.objects):
+        result.skipped[path.name] = ASTRAY
+        return
+    count = len(result.objects)
+    meshes = [(*_mesh(o, -1, count), colour) for o, colour in zip(result.objects, _colours(), strict=False)]
+    try:
+        write_mp4(path, turning_frames(meshes, _front(result)), result.scene.output.video_fps)
+    except RenderError as problem:
+        result.skipped[path.name] = str(problem)
+
 
 def _write_video(result: Result, path: Path) -> None:
     view, fps = result.scene.views[0], result.scene.output.video_fps
@@ -173,7 +211,7 @@ def _write_video(result: Result, path: Path) -> None:
     if not all(fit):
         result.skipped[path.name] = ASTRAY
         return
-    count = min(SNAPSHOTS, max(map(len, fit)))
+    count = min(max(map(len, fit)), int(np.clip(STATES // len(objects), *SNAPSHOTS)))
     shown = zip(*(np.array(i)[np.rint(np.linspace(0, len(i) - 1, count)).astype(int)] for i in fit), strict=True)
     snapshots = [_snapshot(result, states) for states in shown]
     try:
@@ -185,6 +223,11 @@ def _write_video(result: Result, path: Path) -> None:
 def _colours(first: int = 0) -> Iterator[Colour]:
     """Colours of objects, in turn."""
     return itertools.islice(itertools.cycle(COLOURS), first, None)
+
+
+def _contours(result: Result) -> Iterator[Colour]:
+    """Colours of contours: of objects, in turn, where there are several."""
+    return _colours() if len(result.objects) > 1 else itertools.repeat(SUPPORTED)
 
 
 def _front(result: Result) -> np.ndarray:
@@ -200,13 +243,16 @@ def _in_reach(view: View, o: ObjectResult | LineResult, i: int) -> bool:
     return in_reach(View(view.image) if isinstance(o, LineResult) and o.kind == "snake" else view, nodes)
 
 
-def _mesh(o: ObjectResult | LineResult, i: int) -> tuple[np.ndarray, np.ndarray]:
-    """Mesh of state i of a tube, or of a sheet with both its sides, to be shaded."""
+def _mesh(o: ObjectResult | LineResult, i: int, count: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Mesh of state i of a tube, or of a sheet with both its sides, to be shaded; coarser for a film of many objects."""
     if isinstance(o, LineResult):
         vertices, faces = sheet_mesh(o.history[i][0])
         return np.concatenate([vertices, vertices]), np.concatenate([faces, faces[:, ::-1] + len(vertices)])
     nodes, _, _, cuts = o.history[i]
-    return (o.vertices, o.faces) if i == -1 else refine(nodes, 64, 3 * nodes.shape[1], cuts)
+    if i == -1 and not count:
+        return o.vertices, o.faces
+    around = max(24, 2 * round(32 / max(count, 1) ** 0.25))
+    return refine(nodes, around, 3 * nodes.shape[1] * around // 64, cuts)
 
 
 def in_reach(view: View, nodes: np.ndarray) -> bool:
@@ -221,7 +267,8 @@ def _snapshot(result: Result, states: Sequence[int]) -> Snapshot:
     camera = result.scene.views[0].camera
     objects = [*result.objects, *result.lines]
     drawings = []
-    for given, o, i in zip([*result.scene.tubes, *result.scene.lines], objects, states, strict=True):
+    given_objects = [*result.scene.tubes, *result.scene.lines]
+    for given, o, i, colour in zip(given_objects, objects, states, _contours(result), strict=False):
         if isinstance(o, LineResult):
             assert not isinstance(given, Tube)
             drawings.append(_line_drawing(given, camera, o.history[i], [outline(given, o.history[i][0], camera)], ()))
@@ -229,19 +276,25 @@ def _snapshot(result: Result, states: Sequence[int]) -> Snapshot:
             assert isinstance(given, Tube)
             nodes, spine, _, cuts = o.history[i]
             contour = [points for points, _ in occluding_contour(nodes, camera, cuts)]
-            drawings.append(_drawing(given, camera, nodes, spine, contour, (), cuts))
-    meshes = [
-        _mesh(o, i) for o, i in zip(objects, states, strict=True) if not isinstance(o, LineResult) or o.kind == "sheet"
-    ]
+            drawings.append(_drawing(given, camera, nodes, spine, contour, (), cuts, colour))
+    solid = [(o, i) for o, i in zip(objects, states, strict=True) if not isinstance(o, LineResult) or o.kind == "sheet"]
+    meshes = [_mesh(o, i, len(objects)) for o, i in solid]
     return Snapshot(drawings, meshes, f"sigma {objects[0].history[states[0]][2]:.3g} px")
 
 
 def _drawing(
-    tube: Tube, camera: Camera, nodes: np.ndarray, spine: np.ndarray, contour: Any, support: Any, cuts: Sequence[Cut]
+    tube: Tube,
+    camera: Camera,
+    nodes: np.ndarray,
+    spine: np.ndarray,
+    contour: Any,
+    support: Any,
+    cuts: Sequence[Cut],
+    colour: Colour = SUPPORTED,
 ) -> Drawing:
     given = tube.spine if tube.spine.shape[1] == 2 else camera.project(tube.spine)
     wires = [camera.project(line) for line in wire(nodes, cuts=cuts)]
-    return Drawing(wires, contour, support, given, camera.project(spine))
+    return Drawing(wires, contour, support, given, camera.project(spine), colour=colour)
 
 
 def _line_drawing(given: Snake | Sheet, camera: Camera, state: tuple, contour: Any, support: Any) -> Drawing:
@@ -314,10 +367,21 @@ def _record(result: Result, names: list[str]) -> dict[str, Any]:
             },
             "seconds": {name: round(s, 4) for name, s in result.seconds.items()},
             "objects": objects,
+            **({"figures": {f.name: _figure(f) for f in result.figures}} if result.figures else {}),
             "skipped": result.skipped,
             "files": names,
         }
     )
+
+
+def _figure(figure: Figure) -> dict[str, Any]:
+    return {
+        "tubes": figure.tubes,
+        "volume": figure.volume,
+        "area": figure.area,
+        "pieces": [[figure.tubes[k] for k in piece] for piece in figure.pieces],
+        "warnings": figure.warnings,
+    }
 
 
 def plain(value: Any) -> Any:

@@ -22,7 +22,7 @@ LINE_BOUNDS: Bounds = {f.name: (0.0, 1e6) for m in (SnakeMaterial, SheetMaterial
 
 SHARED_KEYS = ["name", "kind", "material", "not_here", "spring"]
 KINDS = {
-    "tube": ["spine", "radius", "depth", "grid", "break"],
+    "tube": ["spine", "radius", "depth", "grid", "break", "figure"],
     "snake": ["points", "closed", "nodes"],
     "sheet": ["corners", "depth", "grid", "load", "image"],
 }
@@ -206,10 +206,12 @@ def _tube(table: Table, view: View, scale: float, shared: dict[str, Any]) -> Tub
         widest = 0.5 * float(np.hypot(*view.image.shape[:2])) * scale if view.camera.affine else np.inf
         radius = table.number("radius", above=0.0, most=widest)
     spine, grid = _spine(table, view), _grid(table)
+    figure = table.name("figure") if "figure" in table else None
     height, width = view.image.shape[:2]
     return Tube(
         spine=spine, radius=radius, depth=_depth(table, view, spine.shape[1] == 2), grid=grid,
-        material=material_of(table, grid), breaks=breaks_of(table, grid[1], (height, width)), **shared,
+        material=material_of(table, grid), breaks=breaks_of(table, grid[1], (height, width)), figure=figure,
+        **shared,
     )  # fmt: skip
 
 
