@@ -1,7 +1,8 @@
 """The dance: its silhouette against the picture, each part's visible outline, figures, the turning film, growth with tubes.
 
-`python -m benchmarks.dance [--quick] [--out FILE.md]` solves the scene `dance` as it ships and with its greys inverted, then
-1, 43, 430 and 4300 tubes, copies of the scene laid side by side, each in a process of its own.
+`python -m benchmarks.dance [--quick] [--out FILE.md]` solves the scene `dance` as it ships and with its greys inverted, and a
+picture that is not ours (rites.toml) if SYMSEEK_DATA names the folder that holds it; then 1, 43, 430 and 4300 tubes, copies
+of the scene laid side by side, each in a process of its own.
 """
 
 from __future__ import annotations
@@ -34,6 +35,7 @@ from symseek.sim.reconstruct import reconstruct
 from symseek.sim.result import ObjectResult
 from symseek.sim.surface import refine
 
+from .photographs import here
 from .tables import Headed, command, headed, machine
 
 COUNTS = (1, 43, 430, 4300)
@@ -44,12 +46,25 @@ TILES = {1: (1, 1), 43: (1, 1), 430: (5, 2), 4300: (10, 10)}
 FRAMES, EARLY = 400, 50
 
 
-def dance(inverted: bool = False) -> symseek.Scene:
-    """The scene as it ships, or light on dark."""
-    scene = symseek.load(demos()["dance"])
-    if inverted:
-        scene.views = [replace(scene.views[0], image=1 - scene.views[0].image)]
+def dance() -> symseek.Scene:
+    """The scene as it ships: dark on light."""
+    return symseek.load(demos()["dance"])
+
+
+def inverted(scene: symseek.Scene) -> symseek.Scene:
+    """Light on dark."""
+    scene.views = [replace(scene.views[0], image=1 - scene.views[0].image)]
     return scene
+
+
+def scenes() -> dict[str, tuple[symseek.Scene, np.ndarray]]:
+    """Each with its ink, the share of each pixel that figures cover, shape (H, W)."""
+    found = {"dark on light": dance(), "light on dark": inverted(dance())}
+    inks = [1 - found["dark on light"].views[0].image] * 2
+    if here():
+        found["rites, not ours"] = symseek.load(Path(__file__).parent / "rites.toml")
+        inks.append(1 - found["rites, not ours"].views[0].image)
+    return dict(zip(found, zip(found.values(), inks, strict=True), strict=True))
 
 
 def silhouette(objects: Sequence[ObjectResult], shape: tuple[int, int]) -> np.ndarray:
@@ -73,15 +88,12 @@ def visible_outlines(objects: Sequence[ObjectResult], ink: np.ndarray) -> list[t
     return found
 
 
-def quality(inverted: bool) -> tuple[dict[str, str], list[list[str]], list[ObjectResult]]:
+def quality(scene: symseek.Scene, ink: np.ndarray) -> tuple[dict[str, str], list[list[str]], list[ObjectResult]]:
     """Figures of the whole, a row for each part, and the tubes."""
-    scene = dance(inverted)
     began = time.perf_counter()
     found = reconstruct(scene.views, scene.tubes, scene.settings)
     seconds = time.perf_counter() - began
     solids = figures(scene.tubes, found.objects)
-    image = scene.views[0].image
-    ink = image if inverted else 1 - image
     cover = silhouette(found.objects, ink.shape[:2])
     parts = visible_outlines(found.objects, ink)
     closed = [trimesh.Trimesh(s.vertices, s.faces, process=False).is_watertight for s in solids]
@@ -160,9 +172,10 @@ def _peak() -> float:
 
 def measure_all(quick: bool) -> Headed:
     """Headings and tables, head first."""
-    dark, rows, objects = quality(False)
-    light, _, _ = quality(True)
-    whole = [["", "dark on light", "light on dark"], *([name, dark[name], light[name]] for name in dark)]
+    found = {name: quality(scene, ink) for name, (scene, ink) in scenes().items()}
+    _, rows, objects = found["dark on light"]
+    columns = [whole for whole, _, _ in found.values()]
+    whole = [["", *found], *([key, *(column[key] for column in columns)] for key in columns[0])]
     each, grown = turn(objects, 100 if quick else FRAMES)
     film = [["frames", "seconds each", f"memory at the end over that of frame {EARLY}"]]
     film.append([f"{100 if quick else FRAMES}", f"{each:.3f}", f"{grown:.3f}"])
