@@ -1,6 +1,6 @@
-"""The dance: its silhouette against the picture, each part's visible outline, figures, the turning film, growth with tubes.
+"""The dance: silhouettes against the picture, each part's visible outline, figures, the turning film, growth with tubes.
 
-`python -m benchmarks.dance [--quick] [--out FILE.md]` solves the scene `dance` as it ships and with its greys inverted, and a
+`python -m benchmarks.dance [--quick] [--out FILE.md]` solves the scene `dance` as it ships and light on dark, and a
 picture that is not ours (rites.toml) if SYMSEEK_DATA names the folder that holds it; then 1, 43, 430 and 4300 tubes, copies
 of the scene laid side by side, each in a process of its own.
 """
