@@ -40,14 +40,14 @@ class Drawing:
     """the axis that the user gave."""
     spine_last: np.ndarray | None = None
     """the axis that was found."""
-    hidden: Sequence[np.ndarray] = ()
-    """likewise, which points another object hides: drawn dashed; empty: none."""
     colour: Colour = SUPPORTED
     """of the contour."""
     line: bool = False
     """what the user gave is a curve rather than an axis."""
     pulls: Polylines = ()
     """springs that hold it, from it to their anchors."""
+    hidden: Sequence[np.ndarray] = ()
+    """for each polyline of the contour, bool, shape (n,): another object hides the point, which is dashed; empty: none."""
 
 
 class Photo:
@@ -212,8 +212,12 @@ def _legend(picture: np.ndarray, photo: Photo, drawings: Sequence[Drawing], widt
 
 def _entries(drawings: Sequence[Drawing]) -> list[tuple[str, Colour, float, bool]]:
     """(words, colour, width, dashed) of what the drawings hold."""
-    loose = any(not np.all(flags) for drawing in drawings for flags in drawing.support)
     behind = any(np.any(flags) for drawing in drawings for flags in drawing.hidden)
+    loose = any(
+        not np.all(flags | drawing.hidden[i] if len(drawing.hidden) else flags)
+        for drawing in drawings
+        for i, flags in enumerate(drawing.support)
+    )
     colour = next((drawing.colour for drawing in drawings), SUPPORTED)
     return [
         entry
@@ -222,7 +226,7 @@ def _entries(drawings: Sequence[Drawing]) -> list[tuple[str, Colour, float, bool
                 any(len(d.contour) for d in drawings),
                 ("contour, supported by the image", colour, 1.6, False),
             ),
-            (behind, ("contour, hidden", colour, 1.0, True)),
+            (behind, ("contour, hidden by another object", colour, 1.0, True)),
             (loose, ("contour, unsupported", UNSUPPORTED, 1.6, True)),
             (any(len(d.wire) for d in drawings), ("model", WIRE, 0.7, False)),
             (any(d.spine_first is not None and not d.line for d in drawings), ("axis given", SPINE_FIRST, 0.9, True)),

@@ -45,6 +45,8 @@ class ObjectResult:
     """pieces of the occluding contour in the first view, shape (n, 2) each, image px."""
     support: list[np.ndarray]
     """for each piece, which points image data supports, shape (n,), bool."""
+    hidden: list[np.ndarray]
+    """for each piece, which points another object hides, shape (n,), bool."""
     measures: dict[str, Any]
     history: list[tuple[np.ndarray, np.ndarray, float, list[Cut]]]
     """tube (N_x, N_s, 3), spine (N_s, 3), sigma [px] and the tube's discontinuities, from the first tube to the last."""
@@ -96,9 +98,11 @@ def finish(
     space = scene.spaces[k]
     inside = space.inside if scene.settings.potential == "map" else np.zeros((0, 0))
     support = [contour_support(p, n, potential, inside, scene.maps[k].half_width) for p, n in pieces]
-    measures |= support_measures(support)
+    hider = scene.hidden[k][0]
+    hidden = [np.zeros(len(p), bool) if hider is None else hider.near(p, potential.sigma) for p, _ in pieces]
+    measures |= support_measures(support, hidden)
     if scene.settings.potential == "map":
-        agreement = map_agreement(nodes, scene.views[0].camera, scene.maps[k], cuts)
+        agreement = map_agreement(nodes, scene.views[0].camera, scene.maps[k], cuts, hider)
         measures["map_agreement"], measures["map_certainty"] = agreement
     points = np.concatenate([p for p, _ in pieces] or [np.zeros((0, 2))])
     before = history[-1 - max(1, len(history) // 10)][0]
@@ -114,6 +118,7 @@ def finish(
         faces=faces,
         contour=[p for p, _ in pieces],
         support=[s.supported for s in support],
+        hidden=hidden,
         measures=measures,
         history=history,
         cuts=cuts,

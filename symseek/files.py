@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import json
-import math
-import os
-import platform
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from datetime import UTC, datetime
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from . import __version__
-from .doctor import versions
 from .folder import RECORD
+from .record import record_of
 from .render.evolution import Snapshot, evolution_frames
 from .render.export import write_glb, write_ply
 from .render.figures import potentials_sheet, views_sheet
@@ -31,7 +25,6 @@ from .render.video import write_mp4
 from .scene import METRES
 from .sim.camera import Camera
 from .sim.fields import Cut
-from .sim.figure import Figure
 from .sim.problem import Sheet, Snake, Tube, View
 from .sim.result import ObjectResult
 from .sim.snake import LineResult, grid_lines, outline, sheet_mesh
@@ -45,18 +38,6 @@ COLOURS = [(226, 142, 52), (86, 160, 211), (122, 182, 72), (204, 102, 153), (230
 SNAPSHOTS, STATES = (12, 90), 2000
 """Bounds of how many states of the deformation the video shows; of all objects together."""
 ASTRAY = "the model has grown out of the image"
-FORMS = {
-    "adi": "alternating directions, section 5",
-    "jacobi": "implicit Jacobi, section 5",
-    "euler": "explicit Euler, section 5",
-    "map": "foreground map (ours)",
-    "brightness": "brightness of the image, the paper's (11)",
-    "subnode": "contour between nodes (ours)",
-    "switch": "hard switch on nodes, the paper's (12)",
-    "normalised": "pull normalised by scale and contrast (ours)",
-    "paper": "plain gradient of the potential, the paper's (11)",
-}
-"""What the words of the solver's settings stand for."""
 
 
 def write(result: Result, folder: Path, tell: Callable[[str], None]) -> list[str]:
@@ -95,7 +76,7 @@ def write(result: Result, folder: Path, tell: Callable[[str], None]) -> list[str
     if want.video or want.turning:
         phase("video", "")
     names = [RECORD, *sorted(f.name for f in folder.iterdir())]
-    text = json.dumps(_record(result, names), indent=1, ensure_ascii=False, allow_nan=False)
+    text = json.dumps(record_of(result, names), indent=1, ensure_ascii=False, allow_nan=False)
     (folder / RECORD).write_text(text + "\n", encoding="utf-8")
     return names
 
@@ -146,7 +127,7 @@ def _write_pictures(result: Result, folder: Path) -> None:
     result.skipped |= {f"{name}.png": ASTRAY for name, left_out in lost.items() if left_out}
     if want.overlay and not astray:
         drawings = [
-            _drawing(tube, view.camera, o.tube[0], o.spine[0], o.contour, o.support, o.cuts, colour)
+            _drawing(tube, view.camera, o.tube[0], o.spine[0], o.contour, o.support, o.cuts, o.hidden, colour)
             for tube, o, colour in zip(result.scene.tubes, result.objects, _contours(result), strict=False)
         ]
         drawings += [
@@ -276,7 +257,7 @@ def _snapshot(result: Result, states: Sequence[int]) -> Snapshot:
             assert isinstance(given, Tube)
             nodes, spine, _, cuts = o.history[i]
             contour = [points for points, _ in occluding_contour(nodes, camera, cuts)]
-            drawings.append(_drawing(given, camera, nodes, spine, contour, (), cuts, colour))
+            drawings.append(_drawing(given, camera, nodes, spine, contour, (), cuts, colour=colour))
     solid = [(o, i) for o, i in zip(objects, states, strict=True) if not isinstance(o, LineResult) or o.kind == "sheet"]
     meshes = [_mesh(o, i, len(objects)) for o, i in solid]
     return Snapshot(drawings, meshes, f"sigma {objects[0].history[states[0]][2]:.3g} px")
@@ -290,11 +271,12 @@ def _drawing(
     contour: Any,
     support: Any,
     cuts: Sequence[Cut],
+    hidden: Sequence[np.ndarray] = (),
     colour: Colour = SUPPORTED,
 ) -> Drawing:
     given = tube.spine if tube.spine.shape[1] == 2 else camera.project(tube.spine)
     wires = [camera.project(line) for line in wire(nodes, cuts=cuts)]
-    return Drawing(wires, contour, support, given, camera.project(spine), colour=colour)
+    return Drawing(wires, contour, support, given, camera.project(spine), hidden=hidden, colour=colour)
 
 
 def _line_drawing(given: Snake | Sheet, camera: Camera, state: tuple, contour: Any, support: Any) -> Drawing:
@@ -304,96 +286,3 @@ def _line_drawing(given: Snake | Sheet, camera: Camera, state: tuple, contour: A
         return Drawing((), contour, support, first, line=True, pulls=pulls)
     wires = [camera.project(line) for line in grid_lines(nodes)]
     return Drawing(wires, contour, support, pulls=pulls)
-
-
-def _record(result: Result, names: list[str]) -> dict[str, Any]:
-    scene, settings = result.scene, dataclasses.asdict(result.settings)
-    unit = scene.units
-    objects = {}
-    for tube, o in zip(scene.tubes, result.objects, strict=True):
-        objects[o.name] = {
-            "kind": "tube",
-            "converged": o.converged,
-            "trusted": o.trusted,
-            "warnings": o.warnings,
-            "iterations": o.iterations,
-            **o.measures,
-            "grid": tube.grid,
-            "material": {f.name: getattr(tube.material, f.name) for f in dataclasses.fields(tube.material)},
-            "break": [dataclasses.asdict(b) for b in tube.breaks],
-        }
-    for given, o in zip(scene.lines, result.lines, strict=True):
-        objects[o.name] = {
-            "kind": o.kind,
-            "converged": o.converged,
-            "trusted": o.trusted,
-            "warnings": o.warnings,
-            "iterations": o.iterations,
-            **o.measures,
-            "grid": o.nodes.shape[1:-1],
-            "material": dataclasses.asdict(given.material),
-        }
-    return plain(
-        {
-            "run": {
-                "scene": scene.name,
-                "source": scene.source,
-                "written": datetime.now(UTC).isoformat(timespec="seconds"),
-                "device": result.device,
-                "image": {"width": scene.views[0].image.shape[1], "height": scene.views[0].image.shape[0]},
-                "camera": scene.views[0].camera.matrix,
-            },
-            "versions": {
-                "symseek": __version__,
-                "python": platform.python_version(),
-                **versions(),
-                "opengl": os.environ.get("PYOPENGL_PLATFORM", ""),
-            },
-            "settings": settings,
-            "forms": {key: FORMS[value] for key, value in settings.items() if isinstance(value, str) and value in FORMS},
-            "units": {
-                "world": unit,
-                "scale": f"{scene.scale:g} {unit} per pixel" if scene.views[0].camera.affine else "by the camera",
-                "length": unit,
-                "station": unit,
-                "radius": unit,
-                "area": f"{unit}^2",
-                "volume": f"{unit}^3",
-                "contour_residual_px": "pixels of the image",
-                "asymmetry": "share of the radius",
-                "supported_share": "share of the contour's length",
-                "map_agreement": "share of silhouette or map",
-                "map_certainty": "share of the map",
-            },
-            "seconds": {name: round(s, 4) for name, s in result.seconds.items()},
-            "objects": objects,
-            **({"figures": {f.name: _figure(f) for f in result.figures}} if result.figures else {}),
-            "skipped": result.skipped,
-            "files": names,
-        }
-    )
-
-
-def _figure(figure: Figure) -> dict[str, Any]:
-    return {
-        "tubes": figure.tubes,
-        "volume": figure.volume,
-        "area": figure.area,
-        "pieces": [[figure.tubes[k] for k in piece] for piece in figure.pieces],
-        "warnings": figure.warnings,
-    }
-
-
-def plain(value: Any) -> Any:
-    """A value as JSON knows it: arrays as lists, what is not finite as null, a function as that word."""
-    if isinstance(value, Mapping):
-        return {str(k): plain(v) for k, v in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
-        return plain(value.tolist())
-    if isinstance(value, list | tuple):
-        return [plain(v) for v in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    if callable(value):
-        return "function"
-    return value

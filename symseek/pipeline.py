@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,6 +19,10 @@ from .sim.figure import Figure, figures
 from .sim.material import Material
 from .sim.problem import Settings
 from .sim.snake import LineResult, deform
+from .sim.visibility import cast_rays
+
+if TYPE_CHECKING:
+    from .render.visibility import DepthPass
 
 Callback = Callable[[still.Progress], "bool | None"]
 """Called each iteration; returning True stops the solver, and the result so far is measured."""
@@ -173,6 +177,34 @@ def run(
     return result
 
 
+class _DepthPass:
+    """Depth passes by OpenGL, or where there is none by rays; OpenGL is not touched unless something may be hidden."""
+
+    def __init__(self) -> None:
+        self._drawn: DepthPass | None = None
+        self._lacks = False
+
+    def __enter__(self) -> _DepthPass:
+        return self
+
+    def __exit__(self, *problem: object) -> None:
+        if self._drawn is not None:
+            self._drawn.close()
+
+    def __call__(
+        self, meshes: Sequence[tuple[np.ndarray, np.ndarray]], shape: tuple[int, int]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        from .render.visibility import DepthPass, RenderError
+
+        if not self._lacks:
+            self._drawn = self._drawn or DepthPass()
+            try:
+                return self._drawn(meshes, shape)
+            except RenderError:
+                self._lacks = True
+        return cast_rays(meshes, shape)
+
+
 def _solve(scene: Scene, device: str, callback: Callback | None, every: int = 1, threads: int | None = None) -> Result:
     prepare(device)
     lines: list[LineResult] = []
@@ -180,7 +212,8 @@ def _solve(scene: Scene, device: str, callback: Callback | None, every: int = 1,
     found = still.Result([], [], None, {}, scene.settings)
     try:
         if scene.tubes:
-            found = still.reconstruct(scene.views, scene.tubes, scene.settings, device, callback, every, threads)
+            with _DepthPass() as look:
+                found = still.reconstruct(scene.views, scene.tubes, scene.settings, device, callback, every, threads, look)
             if any(tube.figure for tube in scene.tubes):
                 began = time.perf_counter()
                 united = figures(scene.tubes, found.objects)
