@@ -114,7 +114,7 @@ def _carried_width(wide: np.ndarray, seen: np.ndarray, line: np.ndarray) -> np.n
     out = np.interp(arc, arc[where], wide[where])
     for last, beyond in ((where[0], slice(None, where[0])), (where[-1], slice(where[-1] + 1, None))):
         near = where[np.abs(arc[where] - arc[last]) < wide[last]]
-        if len(near) > 2 and wide[last] > 0:
+        if len(near) > 2 and np.ptp(arc[near]) > 0 and wide[last] > 0:
             slope = np.polyfit(np.abs(arc[near] - arc[last]), wide[near], 1)[0]
             way = np.abs(arc[beyond] - arc[last]) / wide[last]
             out[beyond] = wide[last] * np.maximum(1 - slope * (1 - np.exp(-way)), LEAST)
