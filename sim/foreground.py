@@ -261,7 +261,12 @@ def _look(image: np.ndarray, curve: np.ndarray, step: float, margin: float, igno
     hi = np.minimum(np.ceil(curve.max(0) + margin), [w - 1, h - 1])
     width, height = (int(v) for v in np.maximum(np.floor((hi - lo) / step) + 1, 8))
     shape = (height, width)
-    x = _tinted(resample(colours(image), lo, step, shape))
+    # what smoothing before the sampling looks at, and no more: images are large
+    pad = int(np.ceil(3 * step)) + 2
+    first = np.maximum(lo.astype(int) - pad, 0)
+    last = np.ceil(hi).astype(int) + pad + 1
+    part = image[first[1] : last[1], first[0] : last[0]]
+    x = _tinted(resample(colours(part), lo - first, step, shape))
     known = np.ones(shape, bool)
     if ignore is not None:
         known = resample((~ignore).astype(np.float32), lo, step, shape) > 0.5

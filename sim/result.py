@@ -18,6 +18,8 @@ LEAST_SUPPORT = 0.6
 """Share of the contour that image data must support."""
 LEAST_AGREEMENT, LEAST_CERTAINTY = 0.98, 0.85
 """Of the tube with the foreground map, and of the map itself; see `map_agreement`."""
+MOST_HIDDEN = 0.5
+"""Share of the contour that other objects may hide."""
 MOST_OUTSIDE = 0.02
 """Share of the contour that may lie beyond the image."""
 UNREST = 0.015
@@ -148,6 +150,8 @@ def _doubts(
             f"only {share:.0%} of the contour lies on edges of the image: check the overlay, draw the axis nearer to the"
             " object's middle, or mark with not_here or ignore what it must not take"
         )
+    if measures["hidden_share"] > MOST_HIDDEN:
+        doubts.append(f"other objects hide {measures['hidden_share']:.0%} of the contour: most of the shape is a guess")
     if measures.get("map_agreement", 1.0) < LEAST_AGREEMENT:
         doubts.append(
             "the tube departs from the foreground map: check both, and draw the axis nearer to the object's middle"

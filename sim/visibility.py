@@ -122,14 +122,16 @@ class Visibility:
 
     def refresh(self, scenes: Sequence[Assembly]) -> list[bool]:
         """Writes `Assembly.hidden` of every tube in every view; whether any of it changed, for each assembly."""
-        where = [(scene, k) for scene in scenes for k in range(len(scene.tubes))]
+        where = [(number, k) for number, scene in enumerate(scenes) for k in range(len(scene.tubes))]
         changed = [False] * len(scenes)
-        worlds = [scene.world(k) for scene, k in where]
-        for v, view in enumerate(scenes[0].views):
-            found = self._view(view.camera, view.image.shape[:2], [tube for tube, _ in worlds])
-            for (scene, k), hidden in zip(where, found, strict=True):
-                before, scene.hidden[k][v] = scene.hidden[k][v], hidden
-                changed[scenes.index(scene)] |= _differ(before, hidden)
+        worlds = [scenes[number].world(k)[0] for number, k in where]
+        for v, view in enumerate(scenes[0].views if scenes else ()):
+            found = self._view(view.camera, view.image.shape[:2], worlds)
+            for (number, k), hidden in zip(where, found, strict=True):
+                own = scenes[number].hidden[k]
+                # little by little it must come to count: what was told last is kept until then
+                if _differ(own[v], hidden):
+                    own[v], changed[number] = hidden, True
         return changed
 
     def _view(self, camera: Camera, shape: tuple[int, ...], tubes: list[np.ndarray]) -> list[Hidden | None]:
@@ -142,13 +144,16 @@ class Visibility:
             centres.append(centre)
         boxes = np.array([[f[..., :2].min((0, 1)) - ROOM, f[..., :2].max((0, 1)) + ROOM] for f in flat])
         found: list[Hidden | None] = [None] * len(tubes)
-        low, high = np.maximum(boxes[:, None, 0], boxes[None, :, 0]), np.minimum(boxes[:, None, 1], boxes[None, :, 1])
-        shared = np.all(low < high, axis=2) & ~np.eye(len(tubes), dtype=bool)
-        involved = np.flatnonzero(shared.any(axis=1))
-        if len(involved):
-            size = np.array(shape[1::-1])
-            first = np.clip(np.floor(low[shared].min(axis=0)), 0, size - 1).astype(int)
-            last = np.clip(np.ceil(high[shared].max(axis=0)), first, size - 1).astype(int)
+        shared = {}
+        for k, (low, high) in enumerate(boxes):
+            both = np.stack([np.maximum(boxes[:, 0], low), np.minimum(boxes[:, 1], high)], axis=1)
+            meet = np.all(both[:, 0] < both[:, 1], axis=1) & (np.arange(len(boxes)) != k)
+            if meet.any():
+                shared[k] = both[meet, 0].min(axis=0), both[meet, 1].max(axis=0)
+        if shared:
+            involved, size = list(shared), np.array(shape[1::-1])
+            first = np.clip(np.floor(np.min([low for low, _ in shared.values()], axis=0)), 0, size - 1).astype(int)
+            last = np.clip(np.ceil(np.max([high for _, high in shared.values()], axis=0)), first, size - 1).astype(int)
             meshes = [(flat[k].reshape(-1, 3) - [*first, 0], _grid_faces(*flat[k].shape[:2])) for k in involved]
             depth, owner = self.depth_pass(meshes, (int(last[1] - first[1] + 1), int(last[0] - first[0] + 1)))
             length = {k: np.linalg.norm(np.diff(centres[k], axis=0), axis=1).sum() for k in involved}

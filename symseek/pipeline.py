@@ -182,7 +182,7 @@ class _DepthPass:
 
     def __init__(self) -> None:
         self._drawn: DepthPass | None = None
-        self._lacks = False
+        self.lacks = False
 
     def __enter__(self) -> _DepthPass:
         return self
@@ -196,12 +196,12 @@ class _DepthPass:
     ) -> tuple[np.ndarray, np.ndarray]:
         from .render.visibility import DepthPass, RenderError
 
-        if not self._lacks:
+        if not self.lacks:
             self._drawn = self._drawn or DepthPass()
             try:
                 return self._drawn(meshes, shape)
             except RenderError:
-                self._lacks = True
+                self.lacks = True
         return cast_rays(meshes, shape)
 
 
@@ -214,6 +214,8 @@ def _solve(scene: Scene, device: str, callback: Callback | None, every: int = 1,
         if scene.tubes:
             with _DepthPass() as look:
                 found = still.reconstruct(scene.views, scene.tubes, scene.settings, device, callback, every, threads, look)
+            if look.lacks:
+                found.settings = dataclasses.replace(found.settings, visibility="rays")
             if any(tube.figure for tube in scene.tubes):
                 began = time.perf_counter()
                 united = figures(scene.tubes, found.objects)

@@ -11,7 +11,7 @@ import pytest
 
 from symseek.device import start_quietly
 from symseek.render.visibility import DepthPass
-from symseek.scenes import shapes
+from symseek.scenes import raster, shapes
 from symseek.scenes.synthetic import vertex_normals
 from symseek.sim.camera import Camera
 from symseek.sim.hidden import Hidden
@@ -102,11 +102,6 @@ def test_depth_pass_against_exact_rays(draw, name):
         hit = calm & np.isfinite(true)
         assert hit.sum() > 250
         np.testing.assert_allclose(depth[row, column][hit], true[hit], atol=1e-5 * spread)
-    apart = passes["depth"][1] != passes["rays"][1]
-    edge = np.zeros_like(apart)
-    for i, j in ((0, 1), (1, 0), (0, -1), (-1, 0)):
-        edge |= np.roll(passes["rays"][1], (i, j), (0, 1)) != passes["rays"][1]
-    assert not np.any(apart & ~edge) and apart.mean() < 1e-3
 
 
 @pytest.mark.parametrize("name", CAMERAS)
@@ -116,15 +111,46 @@ def test_nodes_hidden_by_either_way(draw, name):
     meshes = [(seen(camera, vertices), faces) for vertices, faces in both]
     facing = np.concatenate([(vertex_normals(v, f) * camera.sight(v)).sum(axis=1) < 0 for v, f in both])
     points = np.concatenate([vertices for vertices, _ in meshes])
-    margin = 0.02 * np.ptp(points[:, 2])
+    margin = 0.04 * np.ptp(points[:, 2])
     depth, _ = draw(meshes, (SIZE, SIZE))
     by_depth, by_rays = hidden_by_depth(points, depth, margin), hidden_by_rays(points, meshes, margin)
-    assert 0.03 < by_rays[facing].mean() < 0.3 and by_rays[~facing].mean() > 0.9
+    assert 0.03 < by_rays[facing].mean() < 0.3 and by_rays[~facing].mean() > 0.7
     apart = (by_depth != by_rays) & facing
-    assert apart.mean() <= 0.005
+    assert apart.sum() <= 0.005 * facing.sum()
     for column, row, _ in points[apart]:
         near = depth[int(row) - 1 : int(row) + 3, int(column) - 1 : int(column) + 3]
         assert np.any(~np.isfinite(near)) or np.ptp(near) > margin  # a jump or a steep side within a pixel
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+def test_depth_pass_over_the_whole_picture(draw, name):
+    """Against a rasteriser in float64: the same owner but within half a pixel of an outline, depth to 1e-5 of its range."""
+    camera = CAMERAS[name]
+    meshes = [(seen(camera, vertices), faces) for vertices, faces in solids()]
+
+    def true(shift: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
+        depth, owner = np.full((SIZE, SIZE), np.inf), np.full((SIZE, SIZE), -1)
+        for number, (vertices, faces) in enumerate(meshes):
+            points = vertices[:, :2] + shift
+            a, b, c = np.moveaxis(points[faces], 1, 0)
+            front = faces[(b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0] < 0]
+            face = raster.visible(points, vertices[:, 2], front, (SIZE, SIZE), 1)
+            row, column, chosen, weight = raster.barycentric(points, front, face, 1)
+            own = (vertices[front[chosen], 2] * weight).sum(axis=1)
+            nearer = own < depth[row, column]
+            depth[row[nearer], column[nearer]], owner[row[nearer], column[nearer]] = own[nearer], number
+        return depth, owner
+
+    depth, owner = true((0.0, 0.0))
+    band = np.zeros(owner.shape, bool)
+    for angle in np.arange(8) * np.pi / 4:
+        band |= true((0.5 * np.cos(angle), 0.5 * np.sin(angle)))[1] != owner
+    assert 0.1 < (owner >= 0).mean() < 0.9 and (owner == 0).any() and (owner == 1).any() and band.mean() < 0.02
+    spread = np.ptp(depth[owner >= 0])
+    for found, whose in (draw(meshes, (SIZE, SIZE)), cast_rays(meshes, (SIZE, SIZE))):
+        np.testing.assert_array_equal(whose[~band], owner[~band])
+        same = ~band & (owner >= 0)
+        np.testing.assert_allclose(found[same], depth[same], atol=1e-5 * spread)
 
 
 def memory() -> int:
@@ -205,6 +231,22 @@ def test_nothing_is_drawn_where_nothing_meets():
 
     visibility = Visibility(refused)
     assert refresh(visibility, [upright(40, 0.0), upright(120, 3.0)]) == [False, False]
+
+
+def test_what_changes_little_by_little_comes_to_count():
+    """A back that drifts by a third of a per cent of what is hidden a look: told before it has gone far."""
+    visibility = Visibility(None)
+    front, back = upright(100, 0.0), level(80, 5.0)
+    refresh(visibility, [front, back])
+    told = []
+    for _ in range(20):
+        back.nodes = back.nodes + np.array([0, 0.1, 0])
+        told.append(refresh(visibility, [front, back])[1])
+    assert any(told)
+    hidden = back.hidden[0][0]
+    assert hidden is not None
+    row = np.argwhere(hidden.mask.any(axis=1))[:, 0].mean() + hidden.corner[1]
+    assert abs(row - 82) < 1.1
 
 
 def test_before_itself():
