@@ -21,8 +21,9 @@ def rim_force(
     ring_first: wp.array[int],
     ring_last: wp.array[int],
     eyes: wp.array[projection.Eye],
-    fields: wp.array2d[image.Field],
+    fields: wp.array[image.Field],
     samples: wp.array[wp.vec4],
+    spread: wp.array[wp.mat33],
     # state in
     tube_in: wp.array[wp.vec3],
     centroid_in: wp.array[wp.vec3],
@@ -58,7 +59,7 @@ def rim_force(
     n = tube_nx[k]
     start = ring_node[r]
     eye = eyes[view]
-    field = fields[k, view]
+    field = fields[k]
     middle = projection.project(eye, centroid_in[r])
     # the body's way, not that of the rim itself, which must not lead itself aside
     ahead = projection.project(eye, centroid_in[inner]) - projection.project(eye, centroid_in[2 * inner - r])
@@ -94,6 +95,7 @@ def rim_force(
             if pull_out > 0.0:
                 pull_out *= free
             f = weight * image.lift(j0, j1, pull_out * outward)
+        f = spread[r] * f
         if blind == 0:
             wp.atomic_add(force_out, start + x, f)
         whole += f / float(n)

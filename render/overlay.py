@@ -22,6 +22,9 @@ _DARK: Colour = (12, 16, 24)
 
 _CRAMPED = 1.12  # window over object, at the least
 
+SHEET, GAP = 2400, 6
+"""Height of pictures side by side times their columns, and what lies between them, px."""
+
 LONG_SIDE = (960, 1600)
 """px: smaller photographs are enlarged to the first, larger ones reduced to the second."""
 
@@ -96,13 +99,14 @@ class Photo:
         return (np.asarray(points, float).reshape(-1, 2) - self.window[:2]) * self.scale - 0.5
 
 
-def draw_overlay(image: np.ndarray, drawings: Sequence[Drawing], legend: bool = True) -> np.ndarray:
+def draw_overlay(image: np.ndarray, drawings: Sequence[Drawing], legend: bool = True, caption: str = "") -> np.ndarray:
     """A photograph with models drawn over it, shape (h, w, 3), uint8, long side 960 to 1600 px.
 
     Args:
         image: shape (H, W) or (H, W, 3), float in [0, 1] or uint8.
         drawings: one for each object.
         legend: whether to say in the emptiest corner what the colours mean.
+        caption: written below the upper border.
     """
     photo = Photo.sized(image)
     picture = photo.picture
@@ -111,7 +115,30 @@ def draw_overlay(image: np.ndarray, drawings: Sequence[Drawing], legend: bool = 
         draw(picture, photo, drawing, width)
     if legend:
         _legend(picture, photo, drawings, max(picture.shape[:2]) / 640)
+    if caption:
+        size = 12 * max(picture.shape[:2]) / 640
+        width, height = text_size(caption, size)
+        left, top, pad = (picture.shape[1] - width) // 2, round(size / 2), round(size / 2)
+        plate(picture, (left - pad, top - pad // 2, left + width + pad, top + height + pad // 2), _DARK, 0.72, pad)
+        write_text(picture, (left, top), caption, size)
     return picture
+
+
+def side_by_side(pictures: Sequence[np.ndarray]) -> np.ndarray:
+    """Pictures (h, w, 3), uint8, in rows of about the square root of their number, reduced to `SHEET` px in all."""
+    if len(pictures) == 1:
+        return pictures[0]
+    columns = math.ceil(math.sqrt(len(pictures)))
+    height = min(SHEET // columns, *(p.shape[0] for p in pictures))
+    scaled = [np.asarray(Image.fromarray(p).resize((round(height * p.shape[1] / p.shape[0]), height))) for p in pictures]
+    width = max(p.shape[1] for p in scaled)
+    rows = math.ceil(len(pictures) / columns)
+    sheet = np.empty((rows * (height + GAP) - GAP, columns * (width + GAP) - GAP, 3), np.uint8)
+    sheet[:] = _DARK
+    for i, p in enumerate(scaled):
+        top, left = i // columns * (height + GAP), i % columns * (width + GAP)
+        sheet[top : top + height, left : left + p.shape[1]] = p
+    return sheet
 
 
 def line_width(photo: Photo, drawings: Sequence[Drawing]) -> float:

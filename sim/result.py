@@ -9,7 +9,7 @@ import numpy as np
 
 from .assembly import Assembly
 from .fields import Cut
-from .measure import contour_support, map_agreement, shape_measures, support_measures
+from .measure import Support, contour_support, map_agreement, shape_measures, support_measures
 from .potential import Potential, PotentialPicture
 from .problem import Settings
 from .surface import occluding_contour, refine
@@ -18,14 +18,28 @@ LEAST_SUPPORT = 0.6
 """Share of the contour that image data must support."""
 LEAST_AGREEMENT, LEAST_CERTAINTY = 0.98, 0.85
 """Of the tube with the foreground map, and of the map itself; see `map_agreement`."""
+MOST_OUTSIDE, MOST_CUT = 0.02, 0.5
+"""Share of the contour that may lie beyond the image; and where it is an end that does."""
+PARTIAL = "the object leaves the image: what lies beyond the border is a guess, and with it length, volume and area"
+"""Said of such an object, which may be trusted as far as it is seen."""
 MOST_HIDDEN = 0.5
 """Share of the contour that other objects may hide."""
-MOST_OUTSIDE = 0.02
-"""Share of the contour that may lie beyond the image."""
 UNREST = 0.015
 """How far nodes may still move (root mean square) in the last tenth of a run that did not converge, in greatest radii."""
 FOLDED = 0.25
 """Relative difference of the mesh's volume from that of its rings, beyond which the tube must have folded."""
+
+
+@dataclass(frozen=True)
+class Seen:
+    """An object's occluding contour in one view."""
+
+    contour: list[np.ndarray]
+    """its pieces, shape (n, 2) each, image px."""
+    support: list[np.ndarray]
+    """for each piece, which points image data supports, shape (n,), bool."""
+    hidden: list[np.ndarray]
+    """for each piece, which points another object hides, shape (n,), bool."""
 
 
 @dataclass
@@ -43,12 +57,8 @@ class ObjectResult:
     """of the smooth watertight surface, shape (V, 3)."""
     faces: np.ndarray
     """shape (F, 3), outward."""
-    contour: list[np.ndarray]
-    """pieces of the occluding contour in the first view, shape (n, 2) each, image px."""
-    support: list[np.ndarray]
-    """for each piece, which points image data supports, shape (n,), bool."""
-    hidden: list[np.ndarray]
-    """for each piece, which points another object hides, shape (n,), bool."""
+    seen: list[Seen]
+    """its contour in each view."""
     measures: dict[str, Any]
     history: list[tuple[np.ndarray, np.ndarray, float, list[Cut]]]
     """tube (N_x, N_s, 3), spine (N_s, 3), sigma [px] and the tube's discontinuities, from the first tube to the last."""
@@ -58,6 +68,21 @@ class ObjectResult:
     converged: bool = True
     trusted: bool = True
     warnings: list[str] = field(default_factory=list)
+
+    @property
+    def contour(self) -> list[np.ndarray]:
+        """`Seen.contour` of the first view."""
+        return self.seen[0].contour
+
+    @property
+    def support(self) -> list[np.ndarray]:
+        """`Seen.support` of the first view."""
+        return self.seen[0].support
+
+    @property
+    def hidden(self) -> list[np.ndarray]:
+        """`Seen.hidden` of the first view."""
+        return self.seen[0].hidden
 
 
 @dataclass
@@ -75,7 +100,7 @@ class Result:
 def finish(
     scene: Assembly,
     k: int,
-    potential: Potential,
+    potentials: list[Potential],
     history: list,
     iterations: int,
     converged: bool,
@@ -86,7 +111,7 @@ def finish(
     Args:
         scene: with the final state.
         k: which object.
-        potential: its finest one.
+        potentials: its finest ones, one for each view.
         history: snapshots, see `ObjectResult`.
         iterations: done.
         converged: at rest at the finest scale.
@@ -96,21 +121,36 @@ def finish(
     cuts = list(scene.weights.cuts[k])
     vertices, faces = refine(nodes, cuts=cuts)
     measures: dict[str, Any] = shape_measures(nodes, spine, cuts, scene.weights.spine_cuts[k])
-    pieces = occluding_contour(nodes, scene.views[0].camera, cuts)
-    space = scene.spaces[k]
-    inside = space.inside if scene.settings.potential == "map" else np.zeros((0, 0))
-    support = [contour_support(p, n, potential, inside, scene.maps[k].half_width) for p, n in pieces]
-    hider = scene.hidden[k][0]
-    hidden = [np.zeros(len(p), bool) if hider is None else hider.near(p, potential.sigma) for p, _ in pieces]
-    measures |= support_measures(support, hidden)
-    if scene.settings.potential == "map":
-        agreement = map_agreement(nodes, scene.views[0].camera, scene.maps[k], cuts, hider)
-        measures["map_agreement"], measures["map_certainty"] = agreement
-    points = np.concatenate([p for p, _ in pieces] or [np.zeros((0, 2))])
+    shown, supports, own, outside, ends = [], [], {}, [], []
+    for v, (view, potential) in enumerate(zip(scene.views, potentials, strict=True)):
+        pieces, size = occluding_contour(nodes, view.camera, cuts), view.image.shape[:2]
+        space, map_ = scene.spaces[k][v], scene.maps[k][v]
+        inside = space.inside if scene.settings.potential == "map" else np.zeros((0, 0))
+        support = [contour_support(p, n, potential, inside, map_.half_width) for p, n in pieces]
+        hider = scene.hidden[k][v]
+        hidden = [np.zeros(len(p), bool) if hider is None else hider.near(p, potential.sigma) for p, _ in pieces]
+        seen = [_in_image(p, size) for p, _ in pieces]
+        within = [Support(s.supported[on], s.offset[on]) for s, on in zip(support, seen, strict=True)]
+        behind = [h[on] for h, on in zip(hidden, seen, strict=True)]
+        own[view.name] = support_measures(within, behind)
+        if scene.settings.potential == "map":
+            agreement = map_agreement(nodes, view.camera, map_, cuts, hider)
+            own[view.name] |= dict(zip(("map_agreement", "map_certainty"), agreement, strict=True))
+        shown.append(Seen([p for p, _ in pieces], [s.supported for s in support], hidden))
+        supports += list(zip(within, behind, strict=True))
+        outside.append(1 - float(np.concatenate(seen).mean()) if sum(map(len, seen)) else 1.0)
+        ends.append(_in_image(view.camera.project(spine[[0, -1]]), size))
+    measures |= support_measures([s for s, _ in supports], [flags for _, flags in supports])
+    if scene.settings.potential == "map":  # as good as the worst view's
+        measures |= {name: min(m[name] for m in own.values()) for name in ("map_agreement", "map_certainty")}
+    if len(own) > 1:
+        measures["views"] = own
+    # what one view cuts off another may see
+    measures["partial"] = MOST_OUTSIDE < min(outside) < MOST_CUT and not np.any(ends, axis=0).all()
     before = history[-1 - max(1, len(history) // 10)][0]
     moved = float(np.sqrt(((nodes - before) ** 2).sum(axis=2).mean()))
     unrest = not converged and moved > UNREST * max(measures["radius"])
-    warnings = _doubts(measures, points, scene.views[0].image.shape[:2], iterations, unrest, diverged)
+    doubts = _doubts(measures, max(outside), iterations, unrest, diverged)
     return ObjectResult(
         name=scene.tubes[k].name,
         tube=nodes[None],
@@ -118,23 +158,26 @@ def finish(
         velocity=scene.velocity(k)[None],
         vertices=vertices,
         faces=faces,
-        contour=[p for p, _ in pieces],
-        support=[s.supported for s in support],
-        hidden=hidden,
+        seen=shown,
         measures=measures,
         history=history,
         cuts=cuts,
         iterations=iterations,
         converged=converged,
-        trusted=not warnings,
-        warnings=warnings,
+        trusted=not doubts,
+        warnings=[*doubts, *[PARTIAL] * measures["partial"]],
     )
+
+
+def _in_image(points: np.ndarray, size: tuple[int, ...]) -> np.ndarray:
+    """Which image points, shape (n, 2), lie on a pixel of an image of `size` (height, width)."""
+    h, w = size
+    return np.all((points >= -0.5) & (points <= [w - 0.5, h - 0.5]), axis=1)
 
 
 def _doubts(
     measures: dict[str, Any],
-    contour: np.ndarray,
-    shape: tuple[int, int],
+    outside: float,
     iterations: int,
     unrest: bool,
     diverged: bool,
@@ -161,9 +204,7 @@ def _doubts(
             "the object's colours and edges part it poorly from what is around it: check the foreground map, or mark with"
             " not_here or ignore what it must not take"
         )
-    h, w = shape
-    outside = (contour < -0.5).any(axis=1) | (contour > [w - 0.5, h - 0.5]).any(axis=1)
-    if len(contour) == 0 or outside.mean() > MOST_OUTSIDE:
+    if outside > MOST_OUTSIDE and not measures["partial"]:
         doubts.append("the tube has left the image: what lies beyond the border is a guess")
     station, radius = np.array(measures["station"]), np.array(measures["radius"])
     rings = np.pi * np.trapezoid(radius**2, station)

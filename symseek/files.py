@@ -18,7 +18,7 @@ from .render.export import write_glb, write_ply
 from .render.figures import potentials_sheet, views_sheet
 from .render.files import write_picture
 from .render.lines import Colour
-from .render.overlay import SUPPORTED, Drawing, draw_overlay
+from .render.overlay import SUPPORTED, Drawing, draw_overlay, side_by_side
 from .render.platform import RenderError
 from .render.stages import Stage, stages_sheet, turning_frames
 from .render.video import write_mp4
@@ -122,19 +122,12 @@ def _write_meshes(result: Result, folder: Path) -> None:
 def _write_pictures(result: Result, folder: Path) -> None:
     want, view = result.scene.output, result.scene.views[0]
     solid = [*result.objects, *(o for o in result.lines if o.kind == "sheet")]
-    astray = not all(_in_reach(view, o, -1) for o in [*result.objects, *result.lines])
+    astray = not all(_in_reach(v, o, -1) for v in result.scene.views for o in result.objects)
+    astray |= not all(_in_reach(view, o, -1) for o in result.lines)
     lost = {"overlay": want.overlay and astray, "views": want.views and astray and bool(solid)}
     result.skipped |= {f"{name}.png": ASTRAY for name, left_out in lost.items() if left_out}
     if want.overlay and not astray:
-        drawings = [
-            _drawing(tube, view.camera, o.tube[0], o.spine[0], o.contour, o.support, o.cuts, o.hidden, colour)
-            for tube, o, colour in zip(result.scene.tubes, result.objects, _contours(result), strict=False)
-        ]
-        drawings += [
-            _line_drawing(given, view.camera, o.history[-1], o.contour, o.support)
-            for given, o in zip(result.scene.lines, result.lines, strict=True)
-        ]
-        write_picture(folder / "overlay.png", draw_overlay(view.image, drawings))
+        write_picture(folder / "overlay.png", side_by_side([_overlay(result, v) for v in range(len(result.scene.views))]))
     if want.potentials and result.potentials:
         sheet = potentials_sheet([(p.sigma, p.image) for p in result.potentials])
         write_picture(folder / "potentials.png", sheet)
@@ -182,6 +175,24 @@ def _write_turning(result: Result, path: Path) -> None:
         write_mp4(path, turning_frames(meshes, _front(result)), result.scene.output.video_fps)
     except RenderError as problem:
         result.skipped[path.name] = str(problem)
+
+
+def _overlay(result: Result, v: int) -> np.ndarray:
+    """View v with all tubes over it, and what is no tube over the first."""
+    view, several = result.scene.views[v], len(result.scene.views) > 1
+    drawings = [
+        _drawing(
+            tube if v == 0 or tube.spine.shape[1] == 3 else None,
+            view.camera, o.tube[0], o.spine[0], o.seen[v].contour, o.seen[v].support, o.cuts, o.seen[v].hidden, colour,
+        )
+        for tube, o, colour in zip(result.scene.tubes, result.objects, _contours(result), strict=False)
+    ]  # fmt: skip
+    drawings += [
+        _line_drawing(given, view.camera, o.history[-1], o.contour, o.support)
+        for given, o in zip(result.scene.lines, result.lines, strict=True)
+        if v == 0
+    ]
+    return draw_overlay(view.image, drawings, legend=v == 0, caption=view.name if several else "")
 
 
 def _write_video(result: Result, path: Path) -> None:
@@ -264,7 +275,7 @@ def _snapshot(result: Result, states: Sequence[int]) -> Snapshot:
 
 
 def _drawing(
-    tube: Tube,
+    tube: Tube | None,
     camera: Camera,
     nodes: np.ndarray,
     spine: np.ndarray,
@@ -274,7 +285,7 @@ def _drawing(
     hidden: Sequence[np.ndarray] = (),
     colour: Colour = SUPPORTED,
 ) -> Drawing:
-    given = tube.spine if tube.spine.shape[1] == 2 else camera.project(tube.spine)
+    given = None if tube is None else tube.spine if tube.spine.shape[1] == 2 else camera.project(tube.spine)
     wires = [camera.project(line) for line in wire(nodes, cuts=cuts)]
     return Drawing(wires, contour, support, given, camera.project(spine), hidden=hidden, colour=colour)
 

@@ -72,6 +72,14 @@ def record_of(result: Result, names: list[str]) -> dict[str, Any]:
                 "device": result.device,
                 "image": {"width": scene.views[0].image.shape[1], "height": scene.views[0].image.shape[0]},
                 "camera": scene.views[0].camera.matrix,
+                "views": [
+                    {
+                        "name": view.name,
+                        "image": {"width": view.image.shape[1], "height": view.image.shape[0]},
+                        "camera": view.camera.matrix,
+                    }
+                    for view in scene.views
+                ],
             },
             "versions": {
                 "symseek": __version__,
@@ -91,10 +99,13 @@ def record_of(result: Result, names: list[str]) -> dict[str, Any]:
                 "volume": f"{unit}^3",
                 "contour_residual_px": "pixels of the image",
                 "asymmetry": "share of the radius",
-                "supported_share": "share of the contour's length that is not hidden",
+                "supported_share": "share of the contour's length that is not hidden, in all views",
                 "hidden_share": "share of the contour's length",
                 "map_agreement": "share of silhouette or map",
                 "map_certainty": "share of the map",
+                "partial": "whether an end lies beyond the image",
+                "depth": unit,
+                "depth_certainty": "0 to 1",
             },
             "seconds": {name: round(s, 4) for name, s in result.seconds.items()},
             "objects": objects,
