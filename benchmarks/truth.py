@@ -208,6 +208,11 @@ def _spread(triangles: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     return a + u[:, None] * (b - a) + v[:, None] * (c - a), face
 
 
+def spread_over(triangles: np.ndarray, count: int) -> np.ndarray:
+    """`count` points (n, 3) spread over triangles (F, 3, 3) in proportion to area."""
+    return _spread(triangles, count)[0]
+
+
 def to_surface(points: np.ndarray, mesh: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
     """Distance of each point (n, 3) to a mesh (vertices, faces), shape (n,)."""
     vertices, faces = mesh

@@ -67,6 +67,7 @@ class Finger:
     Attributes:
         cameras: of both views.
         faces: of every frame's mesh, shape (F, 3).
+        rough: five rough points (X, Y, Z) along the axis of frame 0, shape (5, 3) [mm], for perspective views.
         clicks: five rough points (column, row) along the axis in the first view of frame 0, shape (5, 2).
         length: of the axis [mm].
     """
@@ -98,6 +99,7 @@ class Finger:
         axis = self.cameras[0].project(self._axis(0.0))
         on = np.flatnonzero((axis[:, 0] > 8) & (axis[:, 0] < SHAPE[1] - 8))
         at = np.rint(np.linspace(0.08, 0.92, 5) * (len(on) - 1)).astype(int)
+        self.rough = self._axis(0.0)[on[at]] + 3.0 * SCALE * click_rng.standard_normal((5, 3))
         self.clicks = axis[on[at]] + 3.0 * click_rng.standard_normal((5, 2))
         y, x = np.mgrid[: SHAPE[0], : SHAPE[1]] / SHAPE[1]
         mat = gaussian_filter(np.random.default_rng([seed, 3]).standard_normal(SHAPE), 3) * 6
@@ -220,7 +222,7 @@ def write(folder: Path, perspective: bool = False) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for view, name in enumerate(("left", "right")):
         pictures = [np.round(255 * f.images[view]).astype(np.uint8) for f in frames]
-        write_mp4(folder / f"{name}.mp4", pictures, finger.fps, crf=22)
+        write_mp4(folder / f"{name}.mp4", pictures, finger.fps, crf=18)
 
 
 if __name__ == "__main__":

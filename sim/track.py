@@ -13,6 +13,7 @@ from scipy import ndimage
 
 from .assembly import Assembly, maps_of
 from .bend import bend, contour, linearised, look_up
+from .kept import Kept
 from .loop import HOST
 from .palette import Palette
 from .potential import Potential, ScaleSpace
@@ -115,12 +116,12 @@ class Follower:
         unit, origin = float(self.scene.unit), self.scene.origin
         return self.grid(state[0]) * unit + origin, state[1] * unit + origin
 
-    def predicted(self, ahead: int) -> tuple[np.ndarray, np.ndarray]:
-        """Nodes `ahead` frames after the last one: each ring goes on and turns as it did."""
-        now = self.states[-1]
-        if len(self.states) == 1 or self.lost or self.notes[-2].startswith("lost"):
+    def predicted(self, frame: int, known: int) -> tuple[np.ndarray, np.ndarray]:
+        """Nodes in a frame by the first `known` ones: each ring goes on and turns as it did."""
+        now, ahead = self.states[known - 1], frame - known + 1
+        if known == 1 or any(note.startswith("lost") for note in self.notes[known - 2 : known]):
             return now
-        before, spine, last = self.states[-2], now[1].astype(float), self.states[-2][1].astype(float)
+        before, spine, last = self.states[known - 2], now[1].astype(float), self.states[known - 2][1].astype(float)
         new, old = (self.grid(s[0]).transpose(1, 0, 2).astype(float) for s in (now, before))
         arrows = [np.concatenate([v - v.mean(axis=1, keepdims=True), np.gradient(s, axis=0)[:, None]], axis=1)
                   for v, s in ((old, last), (new, spine))]  # fmt: skip
@@ -135,10 +136,11 @@ class Follower:
             spine = spine + way
         return new.reshape(-1, 3).astype(np.float32), spine.astype(np.float32)
 
-    def look(self, v: int, image: np.ndarray, ahead: int) -> Look:
-        """Map and potentials in view v of the frame so many after the last one."""
-        scene, wide = self.scene, WIDE if self.lost else 1.0
-        tube, spine = self.world(self.predicted(ahead))
+    def look(self, v: int, image: np.ndarray, frame: int) -> Look:
+        """Map and potentials of a frame in view v, by all frames but the one before, which is being solved."""
+        known = max(1, frame - 1)
+        scene, wide = self.scene, WIDE if self.notes[known - 1].startswith("lost") else 1.0
+        tube, spine = self.world(self.predicted(frame, known))
         map_ = self.palettes[v].map(image, tube, spine, wide)
         view = replace(scene.views[v], image=image)
         space = ScaleSpace(view, view.camera, map_, scene.settings, FINE)
@@ -146,7 +148,7 @@ class Follower:
 
     def skip(self, reason: str) -> None:
         """On over a frame that is not there."""
-        self.states.append(self.predicted(1))
+        self.states.append(self.predicted(len(self.states), len(self.states)))
         self.notes.append(self.notes[-1] if self.lost else reason)
         self.seen.append(self.seen[-1])
         self.off.append(self.off[-1])
@@ -180,7 +182,7 @@ class Follower:
     def _begin(self, looks: list[Look]) -> None:
         """Predicts and moves the tube as a whole."""
         potentials, sizes = [look.potentials[0] for look in looks], [look.view.image.shape[:2] for look in looks]
-        tube, spine = self.predicted(1)
+        tube, spine = self.predicted(len(self.states), len(self.states))
         grid = self.grid(tube).astype(float)
         closed = self.scene.tubes[0].material.closed
         if self.tracking.first != "none":
@@ -244,6 +246,7 @@ def track(
     tracking: Tracking | None = None,
     device: str = "cpu",
     callback: Callable[[Shown], bool | None] | None = None,
+    kept: Kept | None = None,
 ) -> Result:
     """Follows tubes through the frames of synchronised views.
 
@@ -256,6 +259,7 @@ def track(
         settings, tracking: of the solver.
         device: Warp device.
         callback: called after each frame; returning True stops.
+        kept: keeps each frame; what it has already is not solved again.
 
     Returns:
         Objects with an entry for each frame in `tube`, `spine`, `velocity`, `time` and `notes`; meshes and measures are the
@@ -280,12 +284,18 @@ def track(
             followers.append(Follower(relaxation, tracking))
         seconds["first frame"] = time.perf_counter() - clock
         clock, count = time.perf_counter(), 0
-        waiting = _looks(followers, next(stream, None), pool, 1)
+        if kept is not None:
+            count = kept.restore(followers) - 1
+            for _ in range(count):
+                next(stream, None)
+        waiting = _looks(followers, next(stream, None), pool, count + 1)
         while waiting is not None:
-            ahead = _looks(followers, next(stream, None), pool, 2)
+            ahead = _looks(followers, next(stream, None), pool, count + 2)
             for follower, looks in zip(followers, waiting, strict=True):
                 follower.skip(looks) if isinstance(looks, str) else follower.follow([look.result() for look in looks])
             waiting, count = ahead, count + 1
+            if kept is not None:
+                kept.add(followers)
             if callback and callback(Shown(count, followers)):
                 break
     seconds["frames"] = time.perf_counter() - clock
@@ -296,14 +306,14 @@ def track(
 
 
 def _looks(
-    followers: list[Follower], images: Sequence[np.ndarray] | str | None, pool: Executor, ahead: int
+    followers: list[Follower], images: Sequence[np.ndarray] | str | None, pool: Executor, frame: int
 ) -> list[list[Future[Look]] | str] | None:
     """What each tube's views show in a frame, under way."""
     if images is None:
         return None
     if isinstance(images, str):
         return [images for _ in followers]
-    return [[pool.submit(f.look, v, image, ahead) for v, image in enumerate(images)] for f in followers]
+    return [[pool.submit(f.look, v, image, frame) for v, image in enumerate(images)] for f in followers]
 
 
 def _followed(follower: Follower) -> ObjectResult:

@@ -86,6 +86,9 @@ def _parser() -> argparse.ArgumentParser:
         command.add_argument("--quiet", action="store_true", help="print nothing but errors")
     for command in (run, demo):
         command.add_argument("--no-video", action="store_true", help="leave the video out")
+        command.add_argument(
+            "--resume", action="store_true", help="go on with a moving scene from the last whole frame of a stopped run"
+        )
     commands.add_parser("doctor", help="what this machine has and lacks", description="Say what this machine has and lacks.")
     return parser
 
@@ -126,7 +129,14 @@ def _run(options: argparse.Namespace, scene: str) -> int:
         show.line("compiling kernels, once on this machine ...")
     try:
         result = run(
-            scene, options.out, options.device, overrides=overrides, callback=show.progress, every=10, tell=show.line
+            scene,
+            options.out,
+            options.device,
+            overrides=overrides,
+            callback=show.progress,
+            every=10,
+            tell=show.line,
+            resume=options.resume,
         )
     except SceneError as problem:
         show.end()

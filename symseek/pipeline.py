@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from . import __version__
 from .checks import SceneError
 from .device import prepare
 from .folder import staging
@@ -17,6 +19,7 @@ from .frames import together
 from .scene import Output, Scene, build, load
 from .sim import reconstruct as still
 from .sim.figure import Figure, figures
+from .sim.kept import Kept
 from .sim.material import Material
 from .sim.problem import Settings
 from .sim.snake import LineResult, deform
@@ -27,7 +30,7 @@ if TYPE_CHECKING:
     from .render.visibility import DepthPass
 
 Callback = Callable[[Any], "bool | None"]
-"""Called with a `Progress` each iteration or a `Shown` each frame; returning True stops, and the result so far is measured."""
+"""Called with a `Progress` each iteration or a `Shown` each frame; returning True stops, and what is there is measured."""
 
 
 @dataclasses.dataclass(kw_only=True)
@@ -151,6 +154,7 @@ def run(
     every: int = 1,
     threads: int | None = None,
     tell: Callable[[str], None] = lambda text: None,
+    resume: bool = False,
 ) -> Result:
     """Reconstruct a scene and write its files, as `symseek run` does.
 
@@ -163,6 +167,7 @@ def run(
         every: iterations between two calls, of tubes; more spare time where there are many.
         threads: that share the tubes; None: one a core.
         tell: called with a line of text before each slow part.
+        resume: a moving scene goes on from the last whole frame of a run to the same folder that was stopped.
 
     Returns:
         the result; its `files` are what was written.
@@ -174,9 +179,26 @@ def run(
         scene = load(scene, overrides)
     out = Path("out") / scene.name if out is None else Path(out)
     with staging(out) as stage:
-        result = _solve(scene, device, callback, every, threads)
+        kept = _kept(scene, out, resume)
+        result = _solve(scene, device, callback, every, threads, kept)
         result._write(stage, out, tell)
+    if kept is not None:
+        kept.path.unlink()
     return result
+
+
+def _kept(scene: Scene, out: Path, resume: bool) -> Kept | None:
+    """Where a moving scene keeps its frames while it runs."""
+    if not scene.frames:
+        if resume:
+            raise SceneError(scene.source, "", "is no moving scene", "run it without --resume")
+        return None
+    tables = [view.camera.matrix.tolist() for view in scene.views], scene.tubes, scene.settings, scene.tracking
+    stamp = hashlib.sha256(repr((scene.name, tables, __version__)).encode()).hexdigest()
+    try:
+        return Kept(out / f"{scene.name}.kept", stamp, resume)
+    except ValueError as problem:
+        raise SceneError(str(out), "", str(problem), "run it without --resume") from problem
 
 
 class _DepthPass:
@@ -207,14 +229,22 @@ class _DepthPass:
         return cast_rays(meshes, shape)
 
 
-def _solve(scene: Scene, device: str, callback: Callback | None, every: int = 1, threads: int | None = None) -> Result:
+def _solve(
+    scene: Scene,
+    device: str,
+    callback: Callback | None,
+    every: int = 1,
+    threads: int | None = None,
+    kept: Kept | None = None,
+) -> Result:
     prepare(device)
     lines: list[LineResult] = []
     united: list[Figure] = []
     found = still.Result([], [], None, {}, scene.settings)
     try:
         if scene.frames:
-            found = track(together(scene.frames), scene.views, scene.tubes, scene.settings, scene.tracking, device, callback)
+            frames = together(scene.frames)
+            found = track(frames, scene.views, scene.tubes, scene.settings, scene.tracking, device, callback, kept)
             scene = dataclasses.replace(scene, views=found.views)
         elif scene.tubes:
             with _DepthPass() as look:
