@@ -222,7 +222,7 @@ def write(folder: Path, perspective: bool = False) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for view, name in enumerate(("left", "right")):
         pictures = [np.round(255 * f.images[view]).astype(np.uint8) for f in frames]
-        write_mp4(folder / f"{name}.mp4", pictures, finger.fps, crf=18)
+        write_mp4(folder / f"{name}.mp4", pictures, finger.fps, crf=22)
 
 
 if __name__ == "__main__":
