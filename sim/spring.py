@@ -132,8 +132,12 @@ class Springs:
         return len(self.list) - 1
 
     def let_go(self, i: int, iteration: int) -> None:
-        """Ends spring i at an iteration that is yet to come."""
-        self.list[i] = replace(self.list[i], stop=iteration)
+        """Ends spring i at an iteration that is yet to come; one that has not come to pull by then never was."""
+        if iteration > self.list[i].start:
+            self.list[i] = replace(self.list[i], stop=iteration)
+        else:
+            for values in (self.list, self.owners, self.tied, self.way):
+                del values[i]
 
     @property
     def events(self) -> set[int]:
