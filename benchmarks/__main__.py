@@ -9,7 +9,7 @@ from pathlib import Path
 
 from symseek.device import start_quietly
 
-from . import ablation, accuracy, breaks, invariance, lines, photographs, rest, snakes, solvers, speed
+from . import ablation, accuracy, breaks, invariance, lines, photographs, rest, snakes, solvers, speed, studio
 
 TABLES = {
     "accuracy": accuracy.main,
@@ -22,6 +22,7 @@ TABLES = {
     "speed": speed.main,
     "lines": lines.main,
     "solvers": solvers.main,
+    "studio": studio.main,
 }
 
 

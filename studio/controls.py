@@ -268,5 +268,5 @@ def _described(s: Snapshot | None) -> str:
         where = f"scale {s.stage + 1} of {s.stages}"
     text = f"iteration {s.iteration}, {where}, sigma {s.sigma:.1f} px"
     if s.support is not None:
-        text += f", contour {s.support[0]:.2f} px from edges, {s.support[1]:.0%} of it on some"
+        text += f", contour {s.support[0]:.2f} px from the image's edges, {s.support[1]:.0%} supported"
     return text

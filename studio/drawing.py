@@ -15,15 +15,17 @@ import viser
 from symseek.sim.fields import Cut, pieces
 from symseek.sim.initial import lift
 from symseek.sim.problem import View
-from symseek.sim.surface import occluding_contour, refine
+from symseek.sim.surface import occluding_contour, refine, smooth_pieces
 
 from .part import Snapshot
 from .session import Point
 
 SIDE_MOST = 2048
 """Pixels of the longer side of the photograph as it is sent."""
-LINES = (13, 9)
+LINES = (16, 11)
 """Meridians and rings of a wire frame, at the most, with one model; fewer with many."""
+SMOOTH = 5
+"""Segments of a line of the wire frame from one crossing to the next."""
 MANY = 8
 """Models from which on fewer lines and triangles are drawn."""
 LAYER = 1e-3
@@ -102,6 +104,7 @@ class Drawing:
         self._faces: dict[int, tuple] = {}
         scene.reset()
         scene.set_up_direction("-y")
+        scene.configure_default_lights(True, cast_shadow=False)
         pixels = view.image if view.image.ndim == 3 else np.repeat(view.image[..., None], 3, axis=2)
         thin = -(-max(height, width) // SIDE_MOST)
         pixels = np.rint(pixels[: height - height % thin, : width - width % thin] * 255).astype(np.uint8)
@@ -110,8 +113,8 @@ class Drawing:
             pixels = pixels.reshape(h, thin, w, thin, 3).mean(axis=(1, 3)).astype(np.uint8)
         shown = np.array(pixels.shape[1::-1]) * thin
         self.picture = scene.add_image(
-            "/photograph", pixels, *shown, jpeg_quality=92, cast_shadow=False, receive_shadow=False,
-            position=(*(shown - 1) / 2, 0.0),
+            "/photograph", pixels, *shown, jpeg_quality=92, cast_shadow=False,
+            receive_shadow=False, position=(*(shown - 1) / 2, 0.0),
         )  # fmt: skip
         self._lines = {
             name: scene.add_line_segments(
@@ -208,18 +211,19 @@ def _along(line: np.ndarray, cuts: Sequence[Cut]) -> np.ndarray:
 
 def _wire(s: Snapshot, view: View, around: int, along: int) -> np.ndarray:
     """Segments of rings and meridians on the side that the camera sees, in the photograph."""
-    tube = s.tube
+    smooth = [s.tube] if s.cuts or along < LINES[1] else smooth_pieces(s.tube, SMOOTH * around, SMOOTH * (along + 1) + 1)
+    tube = smooth[0]
     nx, ns, _ = tube.shape
     dx = np.roll(tube, -1, axis=0) - np.roll(tube, 1, axis=0)
     normal = np.cross(dx, np.gradient(tube, axis=1))
     near = (view.camera.sight(tube) * normal).sum(axis=2) <= 0
     seen = view.camera.project(tube)
-    rings = np.unique(np.linspace(1, ns - 2, along).round().astype(int))
+    rings = np.unique(np.linspace(0, ns - 1, along + 2).round().astype(int))[1:-1]
     lines = np.unique(np.linspace(0, nx, around, endpoint=False).round().astype(int))
     a = np.stack([seen, np.roll(seen, -1, axis=0)], axis=2)[:, rings]
     a = a[(near & np.roll(near, -1, axis=0))[:, rings]]
     b = np.stack([seen[:, :-1], seen[:, 1:]], axis=2)[lines]
     whole = np.ones(ns - 1, bool)
-    whole[[k for k, gap in s.cuts if gap]] = False
+    whole[[k for k, gap in s.cuts if gap]] = False  # cuts count in the tube's own rings
     b = b[(near[:, :-1] & near[:, 1:])[lines] & whole]
     return np.concatenate([a, b])

@@ -147,8 +147,7 @@ class Engine:
                     if self._closed:
                         break
                     calls, self._calls = self._calls, []
-                for what, answer in calls:
-                    self._answer(what, answer)
+                self._answer(calls)
                 now = time.perf_counter()
                 try:
                     self._round(now - before)
@@ -156,17 +155,27 @@ class Engine:
                     self.failed = f"{type(problem).__name__}: {problem}"
                     self._set_going(False)
                 before = now
-                self._publish(bool(calls))
+                self._publish(False)
             for part in self._parts.values():
                 part.run.stop()
             for _, answer in self._calls:
                 answer.cancel()
 
-    def _answer(self, what: Callable[[], Any], answer: Future) -> None:
-        try:
-            answer.set_result(what())
-        except Exception as problem:
-            answer.set_exception(problem)
+    def _answer(self, calls: list[tuple[Callable[[], Any], Future]]) -> None:
+        """Does what is asked; whoever waits for an answer finds it in the snapshots."""
+        outcomes: list[tuple[Future, Any, Exception | None]] = []
+        for what, answer in calls:
+            try:
+                outcomes.append((answer, what(), None))
+            except Exception as problem:
+                outcomes.append((answer, None, problem))
+        if calls:
+            self._publish(True)
+        for answer, value, problem in outcomes:
+            if problem is None:
+                answer.set_result(value)
+            else:
+                answer.set_exception(problem)
 
     def _active(self) -> list[Part]:
         return [part for part in self._parts.values() if part.active]

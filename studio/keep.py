@@ -74,10 +74,10 @@ class Folder:
             return session, False
         try:
             before = State.of(kept.read_text(encoding="utf-8"))
-            if before.top != state.top or before == state:
+            if before.top["view"] != state.top["view"] or before == state:
                 return session, False
             restored = Session(before, base, Path(path).name)
-        except ValueError:  # from another version, or the scene is another by now
+        except (KeyError, ValueError):  # from another version, or the scene is another by now
             return session, False
         return restored, True
 

@@ -150,7 +150,9 @@ class Part:
         self.held, before = None, self.wish.tube
         listed = tuple(self.run.scene.springs.list)
         self.wish = replace(self.wish, tube=replace(before, springs=listed))
-        return list(listed[len(before.springs) :])
+        made = list(listed[len(before.springs) :])
+        self.path &= bool(made)  # it went on from its rest all the same
+        return made
 
     def change(self, wish: Wish) -> None:
         """Goes on with another material."""

@@ -128,15 +128,18 @@ class Session:
         key = json.dumps(item.table)
         if key not in self._tubes:
             self._tubes = {k: self._tubes[k] for k in list(self._tubes)[-200:]}
-            self._tubes[key] = self._built([item]).tubes[0]
+            self._tubes[key] = self._built(item).tubes[0]
         return self._tubes[key]
 
     def settings(self) -> Settings:
-        """Of the solver; as many iterations after the last spring as a run has by default."""
-        last = [at for item in self.state.items for at in _events(item.table.get("spring", ()))]
-        if not last:
-            return self._settings
-        return replace(self._settings, iterations=max(self._settings.iterations, max(last) + Settings.iterations))
+        """Of the solver."""
+        return replace(self._settings, **self._iterations)
+
+    @property
+    def _iterations(self) -> dict[str, int]:
+        """What `record` has changed of the settings."""
+        given = self.state.top.get("solver", {})
+        return {"iterations": given["iterations"]} if "iterations" in given else {}
 
     def tables(self) -> dict[str, Any]:
         """The tables of the scene as its file holds them.
@@ -147,8 +150,6 @@ class Session:
         if not self.state.items:
             raise SceneError(self.source, "object", "there is none yet", "click points along the axis of one")
         data = {**self.state.top, "object": [dict(item.table) for item in self.state.items]}
-        if self.settings() != self._settings:
-            data["solver"] = {**self.state.top.get("solver", {}), "iterations": self.settings().iterations}
         build({**data, "view": [{**self.state.top["view"][0], **self._read}]}, self.base, self.source)
         return data
 
@@ -180,9 +181,9 @@ class Session:
         self.state, self._merging = state, None
         return True
 
-    def _do(self, label: str, items: Sequence[Item], merging: object = None) -> None:
+    def _do(self, label: str, items: Sequence[Item], merging: object = None, top: Mapping[str, Any] | None = None) -> None:
         """One step, or more of the last one where both merge by the same key."""
-        state = replace(self.state, items=tuple(items))
+        state = State(top or self.state.top, tuple(items))
         if state == self.state:
             return
         if merging is None or merging != self._merging:
@@ -193,31 +194,32 @@ class Session:
         """What comes next is a step of its own."""
         self._merging = None
 
-    def _change(self, uid: int, label: str, values: Mapping[str, Any], merging: object = None, redrawn: bool = True) -> None:
-        """Changes keys of an object's table, None to leave one out; what was pulled on the way is another object's run."""
+    def _change(
+        self, uid: int, label: str, values: Mapping[str, Any], merging: object = None, redrawn: bool = True,
+        top: Mapping[str, Any] | None = None,
+    ) -> None:  # fmt: skip
+        """Changes keys of an object's table, None to leave one out; what was pulled on the way is another run's."""
         item = self.item(uid)
         if not item.is_tube:
             kind = item.table["kind"]
             raise SceneError(self.source, item.name, f"is a {kind}", "it is kept in the file; edit it there")
         table = {k: v for k, v in {**item.table, **values}.items() if v is not None}
-        if redrawn and table.get("spring"):
-            table["spring"] = [s for s in table["spring"] if s.get("stop") is None]
+        if redrawn and "spring" in table:
+            pins = [s for s in table.pop("spring") if s.get("stop") is None]
+            table |= {"spring": pins} if pins else {}
         changed = replace(item, table=json.loads(json.dumps(table)))
-        self._check(changed)
-        self._do(label, [changed if i.uid == uid else i for i in self.state.items], merging)
+        self._check(changed, top)
+        self._do(label, [changed if i.uid == uid else i for i in self.state.items], merging, top)
 
-    def _check(self, item: Item) -> None:
+    def _check(self, item: Item, top: Mapping[str, Any] | None = None) -> None:
         if item.is_tube and len(item.points) < 2:
             item = replace(item, table={**item.table, "spine": _STAND_IN})
-        self._built([item])
+        self._built(item, top)
 
-    def _built(self, items: Sequence[Item]) -> Scene:
-        solver = {**self.state.top.get("solver", {}), "iterations": self.settings().iterations}
-        view = {**self.state.top["view"][0], **self._read}
-        last = [at for item in items for at in _events(item.table.get("spring", ()))]
-        solver["iterations"] = max([solver["iterations"], *last])
-        tables = [{"name": item.name, **item.table} for item in items]
-        return build({**self.state.top, "view": [view], "solver": solver, "object": tables}, self.base, self.source)
+    def _built(self, item: Item, top: Mapping[str, Any] | None = None) -> Scene:
+        top = top or self.state.top
+        view = {**top["view"][0], **self._read}
+        return build({**top, "view": [view], "object": [{"name": item.name, **item.table}]}, self.base, self.source)
 
     # actions
 
@@ -329,9 +331,12 @@ class Session:
         self._change(uid, "clearing", {"break": None, "not_here": None, "spring": None})
 
     def record(self, uid: int, springs: Sequence[Mapping[str, Any]]) -> None:
-        """Adds what was pulled or pinned, tables [[object.spring]], as one step."""
-        table = self.item(uid).table
-        self._change(uid, "a pull", {"spring": [*table.get("spring", []), *springs]}, redrawn=False)
+        """Adds what was pulled or pinned, tables [[object.spring]], as one step; after it there is time to rest."""
+        most = max([self.settings().iterations, *(at + Settings.iterations for at in _events(springs))])
+        top = {**self.state.top, "solver": {**self.state.top.get("solver", {}), "iterations": most}}
+        both = [*self.item(uid).table.get("spring", []), *springs]
+        if springs:
+            self._change(uid, "a pull", {"spring": both}, redrawn=False, top=top)
 
     def forget_pulls(self) -> None:
         """The runs begin again: nothing was pulled, what is pinned is pinned from the start."""
@@ -343,9 +348,9 @@ class Session:
         self._do("the pulls", items)
 
     def start_over(self, state: State) -> None:
-        """Goes to another state of the same scene, as one step."""
-        if state.top == self.state.top:
-            self._do("starting over", state.items)
+        """Goes to another state of the same image, as one step."""
+        if state.top["view"] == self.state.top["view"]:
+            self._do("starting over", state.items, top=state.top)
 
 
 def structure(item: Item) -> str:
