@@ -1,8 +1,8 @@
 """The studio in headless Chromium with software WebGL: updates of the page a second, time from mouse to answer.
 
-`python -m benchmarks.studio [--quick] [--out FILE.md]`. An update is a frame for which new geometry went to the graphics card,
-counted in the page; the answer to the mouse is the first one after a movement while a model at rest is held. Wall-clock times,
-best of three: they are worth as much as the machine was quiet.
+`python -m benchmarks.studio [--quick] [--out FILE.md]`. An update is a frame for which new geometry went to the graphics
+card, counted in the page; the answer to the mouse is the first one after a movement while a model at rest is held.
+Wall-clock times, best of three: they are worth as much as the machine was quiet.
 """
 
 from __future__ import annotations

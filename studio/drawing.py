@@ -15,22 +15,20 @@ import viser
 from symseek.sim.fields import Cut, pieces
 from symseek.sim.initial import lift
 from symseek.sim.problem import View
-from symseek.sim.surface import occluding_contour, refine, smooth_pieces
+from symseek.sim.surface import is_closed, refine, smooth_pieces
 
 from .part import Snapshot
 from .session import Point
 
 SIDE_MOST = 2048
 """Pixels of the longer side of the photograph as it is sent."""
-LINES = (16, 11)
-"""Meridians and rings of a wire frame, at the most, with one model; fewer with many."""
-SMOOTH = 5
-"""Segments of a line of the wire frame from one crossing to the next."""
+FINE = (16, 11, 6)
+"""Meridians and rings of a wire frame, and segments from one crossing to the next; less with many models."""
 MANY = 8
 """Models from which on fewer lines and triangles are drawn."""
 LAYER = 1e-3
 """Between what lies on the photograph, one above the other [its shorter side]."""
-SPRING, AXIS = (255, 148, 40), (255, 255, 255)
+SPRING, AXIS, SPINE = (255, 148, 40), (255, 255, 255), (255, 222, 60)
 
 
 class Frame:
@@ -154,11 +152,10 @@ class Drawing:
         many = len(order) >= MANY
         for uid in order:
             s, colour = snapshots[uid], rgb(colours.get(uid, "#ffffff"))
-            pale = tuple(round(0.55 * c + 0.45 * 255) for c in colour)
-            wires.append((_wire(s, self.view, *((5, 5) if many else LINES)), pale))
-            lines = [points for points, _ in occluding_contour(s.tube, self.view.camera, s.cuts)]
-            contours += [(_segments(line[:: 2 if many else 1]), colour) for line in lines]
-            spines.append((_along(self.view.camera.project(s.spine), s.cuts), (255, 222, 60)))
+            wire, contour = _lines(s, self.view, *((5, 5, 1) if many else FINE))
+            wires.append((wire, tuple(round(0.55 * c + 0.45 * 255) for c in colour)))
+            contours.append((contour, colour))
+            spines.append((_along(self.view.camera.project(s.spine), s.cuts), SPINE))
             springs += [(np.asarray(pull)[None], SPRING) for pull in s.pulls]
         self._set("wire", wires)
         self._set("contour", contours)
@@ -209,21 +206,56 @@ def _along(line: np.ndarray, cuts: Sequence[Cut]) -> np.ndarray:
     return np.concatenate(parts)
 
 
-def _wire(s: Snapshot, view: View, around: int, along: int) -> np.ndarray:
-    """Segments of rings and meridians on the side that the camera sees, in the photograph."""
-    smooth = [s.tube] if s.cuts or along < LINES[1] else smooth_pieces(s.tube, SMOOTH * around, SMOOTH * (along + 1) + 1)
-    tube = smooth[0]
-    nx, ns, _ = tube.shape
-    dx = np.roll(tube, -1, axis=0) - np.roll(tube, 1, axis=0)
-    normal = np.cross(dx, np.gradient(tube, axis=1))
-    near = (view.camera.sight(tube) * normal).sum(axis=2) <= 0
-    seen = view.camera.project(tube)
-    rings = np.unique(np.linspace(0, ns - 1, along + 2).round().astype(int))[1:-1]
-    lines = np.unique(np.linspace(0, nx, around, endpoint=False).round().astype(int))
-    a = np.stack([seen, np.roll(seen, -1, axis=0)], axis=2)[:, rings]
-    a = a[(near & np.roll(near, -1, axis=0))[:, rings]]
-    b = np.stack([seen[:, :-1], seen[:, 1:]], axis=2)[lines]
-    whole = np.ones(ns - 1, bool)
-    whole[[k for k, gap in s.cuts if gap]] = False  # cuts count in the tube's own rings
-    b = b[(near[:, :-1] & near[:, 1:])[lines] & whole]
-    return np.concatenate([a, b])
+def _lines(s: Snapshot, view: View, around: int, along: int, each: int) -> tuple[np.ndarray, np.ndarray]:
+    """Wire frame on the side that the camera sees, and occluding contour, as segments (n, 2, 2) in the photograph.
+
+    Args:
+        s: the model.
+        view: image and camera.
+        around, along: meridians and rings.
+        each: segments of a line from one crossing to the next; 1: through the tube's own nodes.
+    """
+    ns, closed = s.tube.shape[1], is_closed(s.tube)
+    ends = pieces(ns, s.cuts)
+    if each > 1:
+        grids = smooth_pieces(s.tube, each * around, each * (along + 1) + 1, s.cuts)
+    else:
+        grids = [s.tube[:, first : last + 1] for first, last in ends]
+    wires, contours = [], []
+    for grid, (first, last) in zip(grids, ends, strict=True):
+        n, m, _ = grid.shape
+        ds = np.gradient(grid, axis=1)
+        normal = np.cross(np.roll(grid, -1, axis=0) - np.roll(grid, 1, axis=0), ds)
+        if closed and first == 0:
+            normal[:, 0] = -ds[:, 1].mean(axis=0)
+        if closed and last == ns - 1:
+            normal[:, -1] = ds[:, -2].mean(axis=0)
+        facing = (view.camera.sight(grid) * normal).sum(axis=2)
+        facing, seen = (np.concatenate([v, v[:1]]) for v in (facing, view.camera.project(grid)))
+        near = facing <= 0
+        rings = np.unique(np.linspace(0, m - 1, max(along * (last - first) // (ns - 1), 1) + 2).astype(int))[1:-1]
+        lines = np.unique(np.linspace(0, n, around, endpoint=False).astype(int))
+        a = np.stack([seen[:-1], seen[1:]], axis=2)[:, rings][(near[:-1] & near[1:])[:, rings]]
+        b = np.stack([seen[:, :-1], seen[:, 1:]], axis=2)[lines][(near[:, :-1] & near[:, 1:])[lines]]
+        wires += [a, b]
+        contours.append(_zero(facing, seen))
+    return np.concatenate(wires), np.concatenate(contours)
+
+
+def _zero(f: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Segments (n, 2, 2) of the line f = 0 on a grid, f (n, m) at places `at` (n, m, 2); two triangles a cell."""
+    corners = [(v[:-1, :-1], v[1:, :-1], v[1:, 1:], v[:-1, 1:]) for v in (f, at)]
+    (fa, fb, fc, fd), (a, b, c, d) = corners
+    values = np.stack([np.stack([fa, fb, fc], -1), np.stack([fa, fc, fd], -1)]).reshape(-1, 3)
+    places = np.stack([np.stack([a, b, c], -2), np.stack([a, c, d], -2)]).reshape(-1, 3, 2)
+    high = values > 0
+    crossed = high.any(axis=1) & ~high.all(axis=1)
+    values, places, high = values[crossed], places[crossed], high[crossed]
+    lone = np.argmax(high == (high.sum(axis=1) == 1)[:, None], axis=1)  # the corner whose sign is not the others'
+    rows, segments = np.arange(len(lone)), []
+    for k in (1, 2):
+        other = (lone + k) % 3
+        u, v = values[rows, lone], values[rows, other]
+        t = (u / (u - v))[:, None]
+        segments.append((1 - t) * places[rows, lone] + t * places[rows, other])
+    return np.stack(segments, axis=1)

@@ -26,8 +26,6 @@ PUBLISH = 1 / 40
 """Seconds between two snapshots, at the least."""
 MEASURE = 0.2
 """Seconds between two measurements of the contour's error."""
-PULLED = 3
-"""How much faster than `speed` what is pulled may go on."""
 
 
 class Engine:
@@ -35,7 +33,7 @@ class Engine:
 
     Attributes:
         snapshots: of each object by uid, replaced as a whole.
-        speed: most iterations a second while nobody pulls.
+        speed: most iterations a second.
         watched: the object whose contour is measured on the way.
         failed: what went wrong in the thread, for the page to say.
     """
@@ -187,11 +185,11 @@ class Engine:
             return
         begun = time.perf_counter()
         most = max(1, round(self.speed * min(passed, 4 * ROUND)))
-        free = [min(self._chunk, most * (1 if part.held is None else PULLED)) for part in active]
-        list(self._pool.map(lambda part, count: part.run.advance(count), active, free))
+        count = min(self._chunk, most)
+        list(self._pool.map(lambda part: part.run.advance(count), active))
         spent = time.perf_counter() - begun
         self._chunk = int(np.clip(self._chunk * np.clip(ROUND / max(spent, 1e-4), 0.5, 1.5), 1, 1000))
-        if max(free) < self._chunk and spent < ROUND:
+        if count < self._chunk and spent < ROUND:
             with self._wake:
                 self._wake.wait(ROUND - spent) if not self._calls else None
 

@@ -6,6 +6,7 @@ import http.client
 import json
 import shutil
 import socket
+import sys
 
 import numpy as np
 import pytest
@@ -172,6 +173,20 @@ def test_a_fault_in_the_thread_is_told_and_survived(engine, session):
     while not engine.failed:
         engine.call(lambda: None).result(60)
     assert "broken" in engine.failed and not engine.going()
+
+
+def test_without_viser_the_command_says_what_to_install(monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "viser", None)
+    assert cli.main(["studio"]) == 1
+    assert "pip install 'symseek[studio]'" in capsys.readouterr().err
+
+
+def test_a_file_outside_is_refused_by_the_command(monkeypatch, capsys, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["studio", "../x.png", "--port", "0"]) == 2
+    assert "lies outside" in capsys.readouterr().err
+    assert cli.main(["studio", "x.png", "--port", "0"]) == 2
+    assert "does not exist" in capsys.readouterr().err
 
 
 class Request:
