@@ -100,10 +100,10 @@ def outline_error(a: np.ndarray, b: np.ndarray) -> tuple[float, float, float]:
 
     The mean is that of the two directions' means. Infinite where either has no outline.
     """
-    first, second = _outline(a), _outline(b)
+    first, second = outline_segments(a), outline_segments(b)
     if not (len(first) and len(second)):
         return np.inf, np.inf, np.inf
-    there, back = _to_segments(first.mean(1), second), _to_segments(second.mean(1), first)
+    there, back = to_segments(first.mean(1), second), to_segments(second.mean(1), first)
     both = np.concatenate([there, back])
     return float(there.mean() + back.mean()) / 2, float(np.quantile(both, 0.95)), float(both.max())
 
@@ -150,7 +150,7 @@ def circular_sections(sample: Sample, around: int = 96, along: int = 161) -> tup
     index = np.arange(len(axis))
     centre, tangent = (np.stack([np.interp(at, index, c) for c in of.T], 1) for of in (axis, slope))
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
-    outline = _outline(sample.coverage)
+    outline = outline_segments(sample.coverage)
     half = np.zeros(along)
     for k in range(1, along - 1):
         half[k] = _half_width(centre[k], tangent[k], outline)
@@ -168,14 +168,14 @@ def _half_width(centre: np.ndarray, tangent: np.ndarray, outline: np.ndarray) ->
     return (right.min() - left.max()) / 2 if len(right) and len(left) else 0.0
 
 
-def _outline(coverage: np.ndarray) -> np.ndarray:
+def outline_segments(coverage: np.ndarray) -> np.ndarray:
     """Segments (n, 2, 2) of the 0.5 iso-lines, (column, row)."""
     lines = find_contours(np.pad(coverage, 1).astype(float), 0.5)
     pieces = [np.stack([line[:-1], line[1:]], 1) for line in lines]
     return np.concatenate(pieces)[..., ::-1] - 1 if pieces else np.zeros((0, 2, 2))
 
 
-def _to_segments(points: np.ndarray, segments: np.ndarray, candidates: int = 6) -> np.ndarray:
+def to_segments(points: np.ndarray, segments: np.ndarray, candidates: int = 6) -> np.ndarray:
     """Distance of each point (n, 2) to the nearest of the short segments (m, 2, 2)."""
     _, near = KDTree(segments.mean(1)).query(points, k=min(candidates, len(segments)))
     a, b = np.moveaxis(segments[near.reshape(len(points), -1)], 2, 0)

@@ -52,7 +52,15 @@ class Surface:
         self._scene.add(self._camera, pose=pose)
         self._material = pyrender.MetallicRoughnessMaterial(baseColorFactor=[1.0, 1.0, 1.0, 1.0])
 
-    def draw(self, positions: np.ndarray, colours: np.ndarray, triangles: np.ndarray, reach: float, box: Box) -> np.ndarray:
+    def draw(
+        self,
+        positions: np.ndarray,
+        colours: np.ndarray,
+        triangles: np.ndarray,
+        reach: float,
+        box: Box,
+        culled: bool = True,
+    ) -> np.ndarray:
         """Draw triangles that turn counter-clockwise to the eye.
 
         Args:
@@ -60,6 +68,7 @@ class Surface:
             colours: shape (V, 3), in [0, 1].
             triangles: shape (F, 3).
             reach: from the middle of the picture to its nearer edge.
+            culled: leave out those that turn clockwise; else draw all.
             box: the part wanted, (left, top, right, bottom) px; reading all of it takes as long as drawing.
 
         Returns:
@@ -76,7 +85,8 @@ class Surface:
         self._camera.ymag = reach * max(1.0, self.height / self.width)
         try:
             self._platform.make_current()
-            drawn: Any = self._renderer.render(self._scene, self._flags)
+            flags = self._flags if culled else self._flags | pyrender.RenderFlags.SKIP_CULL_FACES
+            drawn: Any = self._renderer.render(self._scene, flags)
         finally:
             self._scene.remove_node(node)
         if not self._framebuffer:

@@ -15,6 +15,7 @@ from .text import plate, text_size, write_text
 WIRE: Colour = (255, 255, 255)
 SUPPORTED: Colour = (0, 229, 255)
 UNSUPPORTED: Colour = (255, 84, 150)
+HIDDEN: Colour = (150, 190, 255)
 SPINE_FIRST: Colour = (255, 255, 255)
 SPINE_LAST: Colour = (255, 222, 60)
 PULL: Colour = (255, 148, 40)
@@ -44,6 +45,8 @@ class Drawing:
     """what the user gave is a curve rather than an axis."""
     pulls: Polylines = ()
     """springs that hold it, from it to their anchors."""
+    hidden: Sequence[np.ndarray] = ()
+    """for each polyline of the contour, bool, shape (n,): another object hides the point; empty: none."""
 
 
 class Photo:
@@ -154,11 +157,16 @@ def draw(picture: np.ndarray, photo: Photo, drawing: Drawing, width: float) -> N
         _haloed(picture, [photo.place(drawing.spine_last)], SPINE_LAST, width * 1.1)
     contour = _placed(photo, drawing.contour)
     support = drawing.support if len(drawing.support) else [np.ones(len(line), bool) for line in contour]
-    flagged = list(zip(contour, support, strict=True))
-    loose = [part for line, flags in flagged for part in runs(line, flags, False)]
-    loose = [dash for part in loose for dash in dashes(part, 7 * width, 5 * width)]
-    _haloed(picture, loose, UNSUPPORTED, width * 1.6)
-    _haloed(picture, [part for line, flags in flagged for part in runs(line, flags, True)], SUPPORTED, width * 1.6)
+    hidden = drawing.hidden if len(drawing.hidden) else [np.zeros(len(line), bool) for line in contour]
+    for colour, dashed, chosen in (
+        (HIDDEN, True, hidden),
+        (UNSUPPORTED, True, [~s & ~h for s, h in zip(support, hidden, strict=True)]),
+        (SUPPORTED, False, [s & ~h for s, h in zip(support, hidden, strict=True)]),
+    ):
+        parts = [part for line, flags in zip(contour, chosen, strict=True) for part in runs(line, flags, True)]
+        if dashed:
+            parts = [dash for part in parts for dash in dashes(part, 7 * width, 5 * width)]
+        _haloed(picture, parts, colour, width * 1.6)
     pulls = _placed(photo, drawing.pulls)
     _haloed(picture, pulls, PULL, width * 1.3)
     _haloed(picture, [line[-1:] for line in pulls], PULL, width * 5)
@@ -204,7 +212,12 @@ def _legend(picture: np.ndarray, photo: Photo, drawings: Sequence[Drawing], widt
 
 def _entries(drawings: Sequence[Drawing]) -> list[tuple[str, Colour, float, bool]]:
     """(words, colour, width, dashed) of what the drawings hold."""
-    loose = any(not np.all(flags) for drawing in drawings for flags in drawing.support)
+    hidden = any(np.any(flags) for drawing in drawings for flags in drawing.hidden)
+    loose = any(
+        not np.all(flags | drawing.hidden[i] if len(drawing.hidden) else flags)
+        for drawing in drawings
+        for i, flags in enumerate(drawing.support)
+    )
     return [
         entry
         for there, entry in (
@@ -213,6 +226,7 @@ def _entries(drawings: Sequence[Drawing]) -> list[tuple[str, Colour, float, bool
                 ("contour, supported by the image", SUPPORTED, 1.6, False),
             ),
             (loose, ("contour, unsupported", UNSUPPORTED, 1.6, True)),
+            (hidden, ("contour, hidden by another object", HIDDEN, 1.6, True)),
             (any(len(d.wire) for d in drawings), ("model", WIRE, 0.7, False)),
             (any(d.spine_first is not None and not d.line for d in drawings), ("axis given", SPINE_FIRST, 0.9, True)),
             (any(d.spine_first is not None and d.line for d in drawings), ("curve given", SPINE_FIRST, 0.9, True)),

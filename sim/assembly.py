@@ -11,9 +11,11 @@ from ..kernels import image as image_kernels
 from .camera import Camera
 from .fabric import Fabric
 from .fields import joined, marks
-from .foreground import Foreground, axis_curve, foreground, length_of
+from .foreground import Foreground, axis_curve, length_of
+from .hidden import Hidden
 from .initial import deal, fading, initial_tube, lift
 from .model import Model
+from .neighbours import foregrounds
 from .potential import Potential, ScaleSpace
 from .problem import Settings, Tube, View
 from .solvers.base import end_mass
@@ -28,7 +30,11 @@ def maps_of(views: list[View], tubes: list[Tube]) -> list[Foreground]:
     view = views[0]
     spines = [np.asarray(tube.spine, float) for tube in tubes]
     flat = [spine if spine.shape[1] == 2 else view.camera.project(spine) for spine in spines]
-    return [foreground(view.image, axis, view.ignore, tube.not_here) for axis, tube in zip(flat, tubes, strict=True)]
+    depths = [
+        tube.depth if spine.shape[1] == 2 else float(view.camera.distance(spine).mean())
+        for spine, tube in zip(spines, tubes, strict=True)
+    ]
+    return foregrounds(view, flat, [tube.not_here for tube in tubes], depths)
 
 
 class Assembly(Fabric):
@@ -46,6 +52,7 @@ class Assembly(Fabric):
         self.lengths = [length_of(axis_curve(a)) for a in self.axes]
         sizes = [int(np.prod(s.shape)) for s in self.spaces]
         self.sample_start = np.concatenate([[0], np.cumsum(sizes)])
+        self.hidden: list[list[Hidden | None]] = [[None] * len(views) for _ in tubes]
         model = Model([t.grid for t in tubes], [t.material.closed for t in tubes], len(views), sum(sizes), device)
         super().__init__(model, tubes, settings, device, self.lengths[0], axis_curve(self.axes[0]).mean(axis=0))
         self.model.set_cameras([self._own_camera(v.camera) for v in views])
@@ -154,7 +161,9 @@ class Assembly(Fabric):
         for k, p in enumerate(potentials):
             h, w = p.magnitude.shape
             start = int(self.sample_start[k])
-            samples[start : start + h * w] = p.samples.reshape(-1, 4)
+            hidden = self.hidden[k][0]
+            shown = p.samples if hidden is None else hidden.seen_of(p, self.maps[k])
+            samples[start : start + h * w] = shown.reshape(-1, 4)
             f = image_kernels.Field()
             f.start, f.width, f.height = start, w, h
             f.x0, f.y0, f.step, f.sigma = *p.origin, p.step, p.sigma

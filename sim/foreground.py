@@ -8,6 +8,7 @@ samples that are fine beside its width.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,6 +65,8 @@ class Foreground:
     """median inside distance along the axis [image px]."""
     axis: np.ndarray
     """the smooth axis, carried on straight to the object's ends, shape (n, 2), image points."""
+    guess: np.ndarray | None = None
+    """1 where neither side of the object is seen, so that there is no better word than the map's, shape (h, w); else 0."""
 
     def in_image(self, shape: tuple[int, int]) -> np.ndarray:
         """The map at the pixels of an image of `shape`; 0 where it was not looked at."""
@@ -165,6 +168,7 @@ def foreground(
     axis: np.ndarray,
     ignore: np.ndarray | None = None,
     not_here: np.ndarray | None = None,
+    others: Sequence[np.ndarray] = (),
 ) -> Foreground:
     """The foreground map of the object on a rough axis.
 
@@ -173,6 +177,7 @@ def foreground(
         axis: rough axis, shape (n, 2), image points (column, row).
         ignore: shape (H, W), True where colours must not be used.
         not_here: shape (k, 2), image points that are background.
+        others: curves (n, 2) of image points in other objects, which are background here.
 
     Returns:
         The map on a crop round the axis, at `AXIS` samples for the axis' length; at `FINE` samples for the half width
@@ -184,7 +189,7 @@ def foreground(
     look = _look(image, curve, length / AXIS, MARGIN * length, ignore)
     decide = len(marks) == 0
     core = look.off <= max(CORE * AXIS, 1.0)
-    far = (look.off > FAR * AXIS) | look.near(marks, MARK * length)
+    far = (look.off > FAR * AXIS) | look.near(marks, MARK * length) | look.along(others, max(CORE * AXIS, 1.0))
     found = look.found(_rounds(look, core, far, SLACK * AXIS, ROUNDS, decide), length)
     half, step = found.half_width, max(found.half_width / FINE, FINEST)
     if step > look.step / FINER:
@@ -193,6 +198,7 @@ def foreground(
     before = look.sampled(found)
     core = look.off <= THIN_CORE * half / step
     far = (_depth(before < 0.5) > AROUND * half / step) | look.near(marks, MARK * length)
+    far |= look.along(others, THIN_CORE * half / step)
     return look.found(_rounds(look, core, far, THIN_SLACK * half / step, THIN_ROUNDS, decide, before), length)
 
 
@@ -225,6 +231,15 @@ class _Look:
             near |= np.hypot(cols - p[0], rows - p[1]) <= radius / self.step
         return near
 
+    def along(self, curves: Sequence[np.ndarray], radius: float) -> np.ndarray:
+        """Samples within a radius [samples] of curves of image points, shape (n, 2) each."""
+        near = np.zeros(self.off.shape, bool)
+        for curve in curves:
+            at = np.rint((curve - self.origin) / self.step).astype(int)
+            at = at[np.all((at >= 0) & (at < self.off.shape[::-1]), axis=1)]
+            near[at[:, 1], at[:, 0]] = True
+        return near if not near.any() else np.asarray(ndimage.distance_transform_edt(~near)) <= radius
+
     def sampled(self, map_: Foreground) -> np.ndarray:
         """Another map at these samples."""
         rows, cols = (np.arange(n) * self.step + self.origin[1 - i] for i, n in enumerate(self.off.shape))
@@ -246,7 +261,12 @@ def _look(image: np.ndarray, curve: np.ndarray, step: float, margin: float, igno
     hi = np.minimum(np.ceil(curve.max(0) + margin), [w - 1, h - 1])
     width, height = (int(v) for v in np.maximum(np.floor((hi - lo) / step) + 1, 8))
     shape = (height, width)
-    x = _tinted(resample(colours(image), lo, step, shape))
+    # what smoothing before the sampling looks at, and no more: images are large
+    pad = int(np.ceil(3 * step)) + 2
+    first = np.maximum(lo.astype(int) - pad, 0)
+    last = np.ceil(hi).astype(int) + pad + 1
+    part = image[first[1] : last[1], first[0] : last[0]]
+    x = _tinted(resample(colours(part), lo - first, step, shape))
     known = np.ones(shape, bool)
     if ignore is not None:
         known = resample((~ignore).astype(np.float32), lo, step, shape) > 0.5
@@ -337,7 +357,7 @@ def _half_width(inside: np.ndarray, line: np.ndarray, step: float, lo: np.ndarra
     if mask.any():
         line = _middle(mask, line)
     along = ndimage.map_coordinates(_depth(mask), line.T[::-1], order=1, mode="nearest")
-    return max(float(np.median(along)), 2.0) * step, _carried_on(mask, line, length) * step + lo
+    return max(float(np.median(along)), 2.0) * step, carried_on(mask, line, length) * step + lo
 
 
 def _middle(mask: np.ndarray, line: np.ndarray) -> np.ndarray:
@@ -353,7 +373,7 @@ def _middle(mask: np.ndarray, line: np.ndarray) -> np.ndarray:
     return line
 
 
-def _carried_on(mask: np.ndarray, line: np.ndarray, length: float) -> np.ndarray:
+def carried_on(mask: np.ndarray, line: np.ndarray, length: float) -> np.ndarray:
     """The axis [samples] with both ends carried on straight while they stay on the object, by half of `length` at most."""
     pieces = [line]
     quarter = len(line) // 4

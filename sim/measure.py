@@ -14,6 +14,7 @@ from scipy.interpolate import CubicSpline
 from .camera import Camera
 from .fields import Cut, pieces
 from .foreground import Foreground
+from .hidden import Hidden
 from .potential import Potential
 from .surface import refine, smooth_pieces, volume_and_area
 
@@ -75,8 +76,10 @@ def shape_measures(
     }
 
 
-def map_agreement(tube: np.ndarray, camera: Camera, map_: Foreground, cuts: Sequence[Cut] = ()) -> tuple[float, float]:
-    """How far the map bears out a tube, shape (N_x, N_s, 3), and how sure the map is of itself.
+def map_agreement(
+    tube: np.ndarray, camera: Camera, map_: Foreground, cuts: Sequence[Cut] = (), hidden: Hidden | None = None
+) -> tuple[float, float]:
+    """How far the map bears out a tube, shape (N_x, N_s, 3), and how sure the map is of itself, where it is not hidden.
 
     Returns:
         Share of the tube's silhouette and the map's object together that they agree about to within a sample;
@@ -89,9 +92,16 @@ def map_agreement(tube: np.ndarray, camera: Camera, map_: Foreground, cuts: Sequ
     object_ = labels == 1 + shared[1:].argmax()
     if any(gap for _, gap in cuts):
         object_ |= np.isin(labels, 1 + np.flatnonzero(shared[1:] > 0.5 * whole[1:]))
-    apart = sum(np.sum(a & np.logical_not(ndimage.binary_dilation(b))) for a, b in ((mask, object_), (object_, mask)))
-    sure, maybe = map_.inside > SURE, map_.inside > 1 - SURE
-    return float(1 - apart / max((mask | object_).sum(), 1)), float(sure.sum() / max(maybe.sum(), 1))
+    seen = np.ones(mask.shape, bool)
+    if hidden is not None:
+        rows, columns = np.indices(mask.shape)
+        points = np.stack([columns, rows], axis=-1) * map_.step + map_.origin
+        seen = ~hidden.near(points, 0.5 * map_.step)
+    apart = sum(
+        np.sum(a & np.logical_not(ndimage.binary_dilation(b)) & seen) for a, b in ((mask, object_), (object_, mask))
+    )
+    sure, maybe = (map_.inside > SURE) & seen, (map_.inside > 1 - SURE) & seen
+    return float(1 - apart / max(((mask | object_) & seen).sum(), 1)), float(sure.sum() / max(maybe.sum(), 1))
 
 
 def _silhouette(tube: np.ndarray, camera: Camera, map_: Foreground, cuts: Sequence[Cut]) -> np.ndarray:
@@ -116,15 +126,24 @@ class Support:
     offset: np.ndarray
 
 
-def support_measures(found: Sequence[Support]) -> dict[str, Any]:
-    """Of all pieces of a contour: share that image data supports; mean, 95 % and largest distance to edges [image px]."""
-    flags = np.concatenate([s.supported for s in found] or [np.zeros(0, bool)])
-    offsets = np.abs(np.concatenate([s.offset for s in found] or [np.zeros(0)]))[flags]
+def support_measures(found: Sequence[Support], hidden: Sequence[np.ndarray] | None = None) -> dict[str, Any]:
+    """Of all pieces of a contour: share that image data supports; mean, 95 % and largest distance to edges [image px].
+
+    What is hidden, shape (n,) of each piece, counts for nothing but its share.
+    """
+    hidden = [np.zeros(len(s.supported), bool) for s in found] if hidden is None else hidden
+    unseen = np.concatenate([*hidden, np.zeros(0, bool)])
+    flags = np.concatenate([s.supported for s in found] or [np.zeros(0, bool)])[~unseen]
+    offsets = np.abs(np.concatenate([s.offset for s in found] or [np.zeros(0)]))[~unseen][flags]
     residual = {
         name: float(f(offsets)) if len(offsets) else float("nan")
         for name, f in (("mean", np.mean), ("p95", lambda x: np.quantile(x, 0.95)), ("max", np.max))
     }
-    return {"supported_share": float(flags.mean()) if len(flags) else 0.0, "contour_residual_px": residual}
+    return {
+        "supported_share": float(flags.mean()) if len(flags) else 0.0,
+        "hidden_share": float(unseen.mean()) if len(unseen) else 0.0,
+        "contour_residual_px": residual,
+    }
 
 
 def contour_support(

@@ -119,6 +119,8 @@ class Settings:
     """"map": foreground map and the image's own edges; "brightness": the paper's (11)."""
     contour: str = "subnode"
     """"subnode" or the paper's "switch" (12)."""
+    visibility: str = "depth"
+    """how to find what hides an object in the image: "depth" pass, "rays", or "off": everything counts as seen."""
     force: str = "normalised"
     """"normalised" or "paper": the plain gradient of (11) times `gain`."""
     sigmas: tuple[float, ...] | None = None

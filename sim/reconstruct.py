@@ -17,8 +17,14 @@ from .material import Weight
 from .problem import Settings, Tube, View
 from .relax import Relaxation, thinned
 from .result import ObjectResult, Result, finish
+from .visibility import Pass, Visibility
 
 __all__ = ["ObjectResult", "Progress", "Result", "reconstruct"]
+
+REFRESH = 20
+"""Iterations between two looks at what hides the tubes."""
+WAKES = 5
+"""How often tubes at rest may start again because what hides them has changed."""
 
 
 class Progress:
@@ -100,6 +106,7 @@ def reconstruct(
     callback: Callable[[Progress], bool | None] | None = None,
     every: int = 1,
     threads: int | None = None,
+    depth_pass: Pass | None = None,
 ) -> Result:
     """Reconstructs the tubes of a still scene.
 
@@ -114,6 +121,7 @@ def reconstruct(
         callback: called with where the run is; returning True stops it.
         every: iterations between two calls.
         threads: that share the tubes; None: one a core.
+        depth_pass: how to find what hides the tubes, with `settings.visibility` "depth"; None: by rays.
 
     Returns:
         The objects with their measures, the potentials, seconds by phase.
@@ -142,7 +150,8 @@ def reconstruct(
             for share in shares
         ]
         lap("kernels")
-        _run(parts, pool, callback, every)
+        look = _Look(parts, settings, depth_pass)
+        _run(parts, pool, look, callback, every)
         waited = sum(part.waited for part in parts) / threads
         lap("solve")
         seconds["potential"], seconds["solve"] = waited, seconds["solve"] - waited
@@ -154,12 +163,37 @@ def reconstruct(
     return Result(objects, parts[0].pictures, foreground, seconds, settings)
 
 
+class _Look:
+    """Looks every `REFRESH` iterations what hides the tubes."""
+
+    def __init__(self, parts: list[Relaxation], settings: Settings, depth_pass: Pass | None):
+        self.parts, self.wakes, self.last = parts, 0, -REFRESH
+        self.visibility = Visibility(depth_pass if settings.visibility == "depth" else None)
+        self.off = settings.visibility == "off"
+
+    def again(self, iteration: int) -> None:
+        """To be called between iterations; at the end of all parts it looks once more and may wake some."""
+        done = all(part.done for part in self.parts)
+        if self.off or (iteration - self.last < REFRESH and not done) or (done and self.wakes == WAKES):
+            return
+        self.last = iteration
+        self.wakes += done
+        for part, changed in zip(self.parts, self.visibility.refresh([p.scene for p in self.parts]), strict=True):
+            if changed and not part.diverged:
+                part.see_again()
+
+
 def _run(
-    parts: list[Relaxation], pool: ThreadPoolExecutor, callback: Callable[[Progress], bool | None] | None, every: int
+    parts: list[Relaxation],
+    pool: ThreadPoolExecutor,
+    look: _Look,
+    callback: Callable[[Progress], bool | None] | None,
+    every: int,
 ) -> None:
     """Takes all parts to their ends, `every` iterations at a time if somebody looks on."""
     progress = Progress(parts)
-    count = every if callback else max(part.scene.settings.iterations for part in parts)
+    count = every if callback else REFRESH if len(parts) > 1 else max(part.scene.settings.iterations for part in parts)
+    look.again(0)
     while going := [part for part in parts if not part.done]:
         if len(going) == 1:
             going[0].advance(count)
@@ -169,6 +203,8 @@ def _run(
         if callback and callback(progress):
             for part in going:
                 part.stop()
+            return
+        look.again(progress.iteration)
 
 
 def _finished(part: Relaxation) -> list[ObjectResult]:

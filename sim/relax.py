@@ -97,6 +97,16 @@ class Relaxation:
             with HOST:
                 self._after()
 
+    def see_again(self) -> None:
+        """Takes in what hides the tubes by now; at rest already, goes on at the finest scale."""
+        if not self._under_way and not self.done:
+            return  # the next scale will
+        with HOST:
+            self.scene.set_potentials(self.potentials)
+        if self.done and not self.diverged and self.iteration < self._end:
+            self.done, self.converged, self._under_way = False, False, True
+        self._begun, self._moved, self._trail = self.iteration, float("inf"), [self.scene.positions()]
+
     def stop(self) -> None:
         """Ends the run where it is."""
         self.done = True

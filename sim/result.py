@@ -18,6 +18,8 @@ LEAST_SUPPORT = 0.6
 """Share of the contour that image data must support."""
 LEAST_AGREEMENT, LEAST_CERTAINTY = 0.98, 0.85
 """Of the tube with the foreground map, and of the map itself; see `map_agreement`."""
+MOST_HIDDEN = 0.5
+"""Share of the contour that other objects may hide."""
 MOST_OUTSIDE = 0.02
 """Share of the contour that may lie beyond the image."""
 UNREST = 0.015
@@ -45,6 +47,8 @@ class ObjectResult:
     """pieces of the occluding contour in the first view, shape (n, 2) each, image px."""
     support: list[np.ndarray]
     """for each piece, which points image data supports, shape (n,), bool."""
+    hidden: list[np.ndarray]
+    """for each piece, which points another object hides, shape (n,), bool."""
     measures: dict[str, Any]
     history: list[tuple[np.ndarray, np.ndarray, float, list[Cut]]]
     """tube (N_x, N_s, 3), spine (N_s, 3), sigma [px] and the tube's discontinuities, from the first tube to the last."""
@@ -96,9 +100,11 @@ def finish(
     space = scene.spaces[k]
     inside = space.inside if scene.settings.potential == "map" else np.zeros((0, 0))
     support = [contour_support(p, n, potential, inside, scene.maps[k].half_width) for p, n in pieces]
-    measures |= support_measures(support)
+    hider = scene.hidden[k][0]
+    hidden = [np.zeros(len(p), bool) if hider is None else hider.near(p, potential.sigma) for p, _ in pieces]
+    measures |= support_measures(support, hidden)
     if scene.settings.potential == "map":
-        agreement = map_agreement(nodes, scene.views[0].camera, scene.maps[k], cuts)
+        agreement = map_agreement(nodes, scene.views[0].camera, scene.maps[k], cuts, hider)
         measures["map_agreement"], measures["map_certainty"] = agreement
     points = np.concatenate([p for p, _ in pieces] or [np.zeros((0, 2))])
     before = history[-1 - max(1, len(history) // 10)][0]
@@ -114,6 +120,7 @@ def finish(
         faces=faces,
         contour=[p for p, _ in pieces],
         support=[s.supported for s in support],
+        hidden=hidden,
         measures=measures,
         history=history,
         cuts=cuts,
@@ -143,6 +150,8 @@ def _doubts(
             f"only {share:.0%} of the contour lies on edges of the image: check the overlay, draw the axis nearer to the"
             " object's middle, or mark with not_here or ignore what it must not take"
         )
+    if measures["hidden_share"] > MOST_HIDDEN:
+        doubts.append(f"other objects hide {measures['hidden_share']:.0%} of the contour: most of the shape is a guess")
     if measures.get("map_agreement", 1.0) < LEAST_AGREEMENT:
         doubts.append(
             "the tube departs from the foreground map: check both, and draw the axis nearer to the object's middle"

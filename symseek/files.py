@@ -52,6 +52,9 @@ FORMS = {
     "subnode": "contour between nodes (ours)",
     "switch": "hard switch on nodes, the paper's (12)",
     "normalised": "pull normalised by scale and contrast (ours)",
+    "depth": "hidden parts by a depth pass",
+    "rays": "hidden parts by rays",
+    "off": "hidden parts count as seen",
     "paper": "plain gradient of the potential, the paper's (11)",
 }
 """What the words of the solver's settings stand for."""
@@ -139,7 +142,7 @@ def _write_pictures(result: Result, folder: Path) -> None:
     result.skipped |= {f"{name}.png": ASTRAY for name, left_out in lost.items() if left_out}
     if want.overlay and not astray:
         drawings = [
-            _drawing(tube, view.camera, o.tube[0], o.spine[0], o.contour, o.support, o.cuts)
+            _drawing(tube, view.camera, o.tube[0], o.spine[0], o.contour, o.support, o.cuts, o.hidden)
             for tube, o in zip(result.scene.tubes, result.objects, strict=True)
         ]
         drawings += [
@@ -237,11 +240,18 @@ def _snapshot(result: Result, states: Sequence[int]) -> Snapshot:
 
 
 def _drawing(
-    tube: Tube, camera: Camera, nodes: np.ndarray, spine: np.ndarray, contour: Any, support: Any, cuts: Sequence[Cut]
+    tube: Tube,
+    camera: Camera,
+    nodes: np.ndarray,
+    spine: np.ndarray,
+    contour: Any,
+    support: Any,
+    cuts: Sequence[Cut],
+    hidden: Sequence[np.ndarray] = (),
 ) -> Drawing:
     given = tube.spine if tube.spine.shape[1] == 2 else camera.project(tube.spine)
     wires = [camera.project(line) for line in wire(nodes, cuts=cuts)]
-    return Drawing(wires, contour, support, given, camera.project(spine))
+    return Drawing(wires, contour, support, given, camera.project(spine), hidden=hidden)
 
 
 def _line_drawing(given: Snake | Sheet, camera: Camera, state: tuple, contour: Any, support: Any) -> Drawing:
@@ -308,7 +318,8 @@ def _record(result: Result, names: list[str]) -> dict[str, Any]:
                 "volume": f"{unit}^3",
                 "contour_residual_px": "pixels of the image",
                 "asymmetry": "share of the radius",
-                "supported_share": "share of the contour's length",
+                "supported_share": "share of the contour's length that is not hidden",
+                "hidden_share": "share of the contour's length",
                 "map_agreement": "share of silhouette or map",
                 "map_certainty": "share of the map",
             },

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,6 +17,10 @@ from .sim import reconstruct as still
 from .sim.material import Material
 from .sim.problem import Settings
 from .sim.snake import LineResult, deform
+from .sim.visibility import cast_rays
+
+if TYPE_CHECKING:
+    from .render.visibility import DepthPass
 
 Callback = Callable[[still.Progress], "bool | None"]
 """Called each iteration; returning True stops the solver, and the result so far is measured."""
@@ -169,15 +173,44 @@ def run(
     return result
 
 
-def _solve(
-    scene: Scene, device: str, callback: Callback | None, every: int = 1, threads: int | None = None
-) -> Result:
+class _DepthPass:
+    """Depth passes by OpenGL, or where there is none by rays; OpenGL is not touched unless something may be hidden."""
+
+    def __init__(self) -> None:
+        self._drawn: DepthPass | None = None
+        self.lacks = False
+
+    def __enter__(self) -> _DepthPass:
+        return self
+
+    def __exit__(self, *problem: object) -> None:
+        if self._drawn is not None:
+            self._drawn.close()
+
+    def __call__(
+        self, meshes: Sequence[tuple[np.ndarray, np.ndarray]], shape: tuple[int, int]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        from .render.visibility import DepthPass, RenderError
+
+        if not self.lacks:
+            self._drawn = self._drawn or DepthPass()
+            try:
+                return self._drawn(meshes, shape)
+            except RenderError:
+                self.lacks = True
+        return cast_rays(meshes, shape)
+
+
+def _solve(scene: Scene, device: str, callback: Callback | None, every: int = 1, threads: int | None = None) -> Result:
     prepare(device)
     lines: list[LineResult] = []
     found = still.Result([], [], None, {}, scene.settings)
     try:
         if scene.tubes:
-            found = still.reconstruct(scene.views, scene.tubes, scene.settings, device, callback, every, threads)
+            with _DepthPass() as look:
+                found = still.reconstruct(scene.views, scene.tubes, scene.settings, device, callback, every, threads, look)
+            if look.lacks:
+                found.settings = dataclasses.replace(found.settings, visibility="rays")
         if scene.lines:
             more = deform(scene.views, scene.lines, scene.settings, device, callback)
             lines = more.objects

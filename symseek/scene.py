@@ -28,6 +28,7 @@ SETTINGS_BOUNDS: Bounds = {
     "potential": ("map", "brightness"),
     "contour": ("subnode", "switch"),
     "force": ("normalised", "paper"),
+    "visibility": ("depth", "rays", "off"),
     "sigmas": (0.1, 200.0),
     "iterations": (1, 1_000_000),
     "tolerance": (0.0, 1.0),

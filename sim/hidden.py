@@ -1,0 +1,66 @@
+"""Where an object is hidden in a view, and what that makes of its potential."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from .foreground import Foreground
+from .potential import Potential
+
+GUESS = 0.2
+"""Least share of what the map says of an object where it is hidden."""
+NEAR, RISE = 1.0, 1.0
+"""From a hidden pixel on, in blurs of the potential: how far beta stays 0, and over how far it rises to 1."""
+
+
+@dataclass(frozen=True)
+class Hidden:
+    """Where an object is hidden in a view."""
+
+    mask: np.ndarray
+    """shape (h, w), bool, at whole image points."""
+    corner: tuple[int, int]
+    """image point (column, row) of the first."""
+
+    def near(self, points: np.ndarray, blur: float) -> np.ndarray:
+        """Whether image points (..., 2) are hidden, or so near to it that its edge there is another's."""
+        reach = int(np.ceil(NEAR * blur))
+        if reach == 0:
+            return self.at(points)
+        wide = np.pad(self.mask, reach)
+        wide = np.asarray(ndimage.distance_transform_edt(~wide)) <= NEAR * blur
+        return Hidden(wide, (self.corner[0] - reach, self.corner[1] - reach)).at(points)
+
+    def beta(self, potential: Potential) -> np.ndarray:
+        """beta of (11) at a potential's samples, shape (h, w): 0 where hidden and nearby, where the edge is another's.
+
+        It rises over `RISE` of the potential's blur from `NEAR` of it on, so that it changes little when the mask does.
+        """
+        h, w = potential.magnitude.shape
+        points = np.stack(np.meshgrid(np.arange(w), np.arange(h)), axis=-1) * potential.step + potential.origin
+        off = np.asarray(ndimage.distance_transform_edt(~self.at(points))) * potential.step
+        blur = np.sqrt(potential.sigma**2 + potential.step**2)
+        return np.clip((off / blur - NEAR) / RISE, 0.0, 1.0).astype(np.float32)
+
+    def seen_of(self, potential: Potential, map_: Foreground) -> np.ndarray:
+        """A potential's samples, shape (h, w, 4), times beta; `GUESS` of the map's word is left where it is the best."""
+        beta = said = self.beta(potential)
+        if map_.guess is not None:
+            h, w = beta.shape
+            cols, rows = (
+                (o + potential.step * np.arange(n) - m) / map_.step
+                for o, n, m in zip(potential.origin, (w, h), map_.origin, strict=True)
+            )
+            guess = ndimage.map_coordinates(map_.guess, np.meshgrid(rows, cols, indexing="ij"), order=1, mode="constant")
+            said = np.maximum(beta, GUESS * guess)
+        return potential.samples * np.stack([beta, beta, said, said], axis=-1)
+
+    def at(self, points: np.ndarray) -> np.ndarray:
+        """Whether it is hidden at image points (..., 2); nowhere beyond the mask."""
+        column, row = np.moveaxis(np.rint(points).astype(int) - self.corner, -1, 0)
+        height, width = self.mask.shape
+        inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+        return inside & self.mask[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)]

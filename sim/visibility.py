@@ -1,0 +1,227 @@
+"""Which parts of an image show an object, and which show another one in front of it: where beta of (11) is nulled."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import warp as wp
+
+from ..kernels import rays
+from .assembly import Assembly
+from .camera import Camera
+from .hidden import Hidden
+
+AHEAD = 1e-3
+"""How much nearer a spine must be to lie in front [lengths of the other]: of spines as deep, neither hides the other."""
+ROOM = 2.0
+"""Pixels about what two objects share that are looked at too."""
+FAR = 1.2
+"""Between rings of one tube, in sums of their radii along the spine: nearer than that they are neighbours, no overlap."""
+SPAN = 256.0
+"""Depths among which rays are cast, whatever the view's own [px]."""
+CHANGED = 0.01
+"""Share of an object's hidden pixels by which they must change to count as changed."""
+
+Pass = Callable[[Sequence[tuple[np.ndarray, np.ndarray]], tuple[int, int]], tuple[np.ndarray, np.ndarray]]
+"""A depth pass: meshes as seen, (column, row, depth) (V, 3) with faces (F, 3) each, and the picture's (height, width); to
+depth, infinite where nothing is, and number of the nearest mesh, -1 where none is, at each pixel's centre, (H, W)."""
+
+
+def seen(camera: Camera, points: np.ndarray) -> np.ndarray:
+    """World points (..., 3) as (column, row, depth) of a view; depth such that what is flat stays flat.
+
+    Along the axis of an affine view; of any other minus one over the distance along its axis, in which the straight lines
+    of the world are straight in the picture too. It grows away from the viewer in both.
+    """
+    if camera.affine:
+        depth = camera.distance(points)
+    else:
+        m = camera.matrix * np.sign(np.linalg.det(camera.matrix[:, :3])) / np.linalg.norm(camera.matrix[2, :3])
+        depth = -1 / (points @ m[2, :3] + m[2, 3])
+    return np.concatenate([camera.project(points), depth[..., None]], axis=-1)
+
+
+def cast_rays(
+    meshes: Sequence[tuple[np.ndarray, np.ndarray]], shape: tuple[int, int], device: str = "cpu"
+) -> tuple[np.ndarray, np.ndarray]:
+    """A depth pass (`Pass`) by one ray a pixel through Warp's tree of the triangles."""
+    mesh, first, (nearest, unit) = _merged(meshes, device)
+    columns, rows = np.meshgrid(np.arange(shape[1]), np.arange(shape[0]))
+    start = np.stack([columns, rows, np.full(shape, -1.0)], axis=-1).reshape(-1, 3)
+    distance, face = _cast(mesh, start, 1.0)
+    owner = np.where(face < 0, -1, np.searchsorted(first, face, side="right") - 1)
+    depth = np.where(face < 0, np.inf, nearest + (distance.astype(float) - 1) * unit)
+    return depth.reshape(shape), owner.reshape(shape)
+
+
+def hidden_by_rays(
+    points: np.ndarray, meshes: Sequence[tuple[np.ndarray, np.ndarray]], margin: float, device: str = "cpu"
+) -> np.ndarray:
+    """Whether a surface lies in front of each point, both as seen: a ray from it to the viewer, shape (n,), bool.
+
+    Args:
+        points: (column, row, depth), shape (n, 3).
+        meshes: as of a `Pass`.
+        margin: depth by which it must be nearer.
+        device: Warp device.
+    """
+    mesh, _, (nearest, unit) = _merged(meshes, device)
+    start = np.column_stack([points[:, :2], (points[:, 2] - margin - nearest) / unit])
+    return _cast(mesh, start, -1.0)[1] >= 0
+
+
+def hidden_by_depth(points: np.ndarray, depth: np.ndarray, margin: float) -> np.ndarray:
+    """The same from a depth pass (H, W), by the nearest pixel; of points that face the viewer: steep sides mislead it."""
+    height, width = depth.shape
+    column, row = np.rint(points[:, :2]).astype(int).T
+    inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+    nearest = depth[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)]
+    return inside & (nearest < points[:, 2] - margin)
+
+
+def _merged(meshes: Sequence[tuple[np.ndarray, np.ndarray]], device: str) -> tuple[wp.Mesh, np.ndarray, tuple[float, float]]:
+    """All meshes as one, the first face of each, and least depth and unit of its depths, which go from 0 to `SPAN`."""
+    starts = np.cumsum([0, *(len(vertices) for vertices, _ in meshes)])
+    faces = np.concatenate([f + start for (_, f), start in zip(meshes, starts, strict=False)]).astype(np.int32)
+    vertices = np.concatenate([v for v, _ in meshes])
+    nearest, unit = float(vertices[:, 2].min()), max(float(np.ptp(vertices[:, 2])), 1e-12) / SPAN
+    vertices = np.column_stack([vertices[:, :2], (vertices[:, 2] - nearest) / unit]).astype(np.float32)
+    mesh = wp.Mesh(wp.array(vertices, dtype=wp.vec3, device=device), wp.array(faces.ravel(), dtype=int, device=device))
+    return mesh, np.cumsum([0, *(len(f) for _, f in meshes)])[:-1], (nearest, unit)
+
+
+def _cast(mesh: wp.Mesh, start: np.ndarray, way: float) -> tuple[np.ndarray, np.ndarray]:
+    device, count = mesh.points.device, len(start)
+    distance = wp.zeros(count, dtype=float, device=device)
+    face = wp.zeros(count, dtype=int, device=device)
+    wp.launch(
+        rays.cast,
+        count,
+        inputs=[mesh.id, wp.array(start.astype(np.float32), dtype=wp.vec3, device=device), way],
+        outputs=[distance, face],
+        device=device,
+    )
+    return distance.numpy(), face.numpy()
+
+
+class Visibility:
+    """Looks where the tubes of some assemblies hide each other, and tells each assembly.
+
+    In front is whose spine is nearer to the viewer where both are seen, the painter's order: tubes that are laid into
+    each other, as by a user who gave no more than an order, hide each other as they should. For that each ring is drawn
+    at the depth of its centre. Where a tube lies before itself, neither part's edge can be told from its own colours: it
+    counts as hidden there.
+
+    Args:
+        depth_pass: how; None: by rays.
+    """
+
+    def __init__(self, depth_pass: Pass | None = None):
+        self.depth_pass = depth_pass or cast_rays
+
+    def refresh(self, scenes: Sequence[Assembly]) -> list[bool]:
+        """Writes `Assembly.hidden` of every tube in every view; whether any of it changed, for each assembly."""
+        where = [(number, k) for number, scene in enumerate(scenes) for k in range(len(scene.tubes))]
+        changed = [False] * len(scenes)
+        worlds = [scenes[number].world(k)[0] for number, k in where]
+        for v, view in enumerate(scenes[0].views if scenes else ()):
+            found = self._view(view.camera, view.image.shape[:2], worlds)
+            for (number, k), hidden in zip(where, found, strict=True):
+                own = scenes[number].hidden[k]
+                # little by little it must come to count: what was told last is kept until then
+                if _differ(own[v], hidden):
+                    own[v], changed[number] = hidden, True
+        return changed
+
+    def _view(self, camera: Camera, shape: tuple[int, ...], tubes: list[np.ndarray]) -> list[Hidden | None]:
+        flat, centres = [], []
+        for tube in tubes:
+            own = seen(camera, tube)
+            centre = seen(camera, tube.mean(axis=0))
+            own[..., 2] = centre[:, 2]
+            flat.append(own)
+            centres.append(centre)
+        boxes = np.array([[f[..., :2].min((0, 1)) - ROOM, f[..., :2].max((0, 1)) + ROOM] for f in flat])
+        found: list[Hidden | None] = [None] * len(tubes)
+        shared = {}
+        for k, (low, high) in enumerate(boxes):
+            both = np.stack([np.maximum(boxes[:, 0], low), np.minimum(boxes[:, 1], high)], axis=1)
+            meet = np.all(both[:, 0] < both[:, 1], axis=1) & (np.arange(len(boxes)) != k)
+            if meet.any():
+                shared[k] = both[meet, 0].min(axis=0), both[meet, 1].max(axis=0)
+        if shared:
+            involved, size = list(shared), np.array(shape[1::-1])
+            first = np.clip(np.floor(np.min([low for low, _ in shared.values()], axis=0)), 0, size - 1).astype(int)
+            last = np.clip(np.ceil(np.max([high for _, high in shared.values()], axis=0)), first, size - 1).astype(int)
+            meshes = [(flat[k].reshape(-1, 3) - [*first, 0], _grid_faces(*flat[k].shape[:2])) for k in involved]
+            depth, owner = self.depth_pass(meshes, (int(last[1] - first[1] + 1), int(last[0] - first[0] + 1)))
+            length = {k: np.linalg.norm(np.diff(centres[k], axis=0), axis=1).sum() for k in involved}
+            for number, k in enumerate(involved):
+                found[k] = _behind(depth, owner, number, centres[k], boxes[k] - first, first, AHEAD * length[k])
+        for k, tube in enumerate(flat):
+            found[k] = _with_own(found[k], tube)
+        return found
+
+
+def _behind(
+    depth: np.ndarray, owner: np.ndarray, number: int, centre: np.ndarray, box: np.ndarray, first: np.ndarray, margin: float
+) -> Hidden | None:
+    """Where another mesh is nearer than the spine of mesh `number` beside it, in its box."""
+    height, width = depth.shape
+    left, top = np.clip(np.floor(box[0]), 0, [width, height]).astype(int)
+    right, bottom = np.clip(np.ceil(box[1]) + 1, 0, [width, height]).astype(int)
+    part = slice(top, bottom), slice(left, right)
+    other = (owner[part] >= 0) & (owner[part] != number)
+    if not other.any():
+        return None
+    rows, columns = np.nonzero(other)
+    at = np.stack([columns + left, rows + top], axis=1) + first
+    nearest = ((at[:, None] - centre[None, :, :2]) ** 2).sum(axis=2).argmin(axis=1)
+    mask = np.zeros(other.shape, bool)
+    mask[rows, columns] = depth[part][rows, columns] < centre[nearest, 2] - margin
+    return Hidden(mask, (int(left + first[0]), int(top + first[1]))) if mask.any() else None
+
+
+def _with_own(found: Hidden | None, tube: np.ndarray) -> Hidden | None:
+    """Adds where a tube as seen, shape (N_x, N_s, 3), lies before itself."""
+    centre = tube[..., :2].mean(axis=0)
+    radius = np.linalg.norm(tube[..., :2] - centre, axis=2).max(axis=0)
+    arc = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(centre, axis=0), axis=1))])
+    sums = radius[:, None] + radius
+    near = np.linalg.norm(centre[:, None] - centre[None], axis=2) < sums
+    pairs = np.argwhere(near & (arc[None] - arc[:, None] > 2 * FAR * sums))
+    if not len(pairs):
+        return found
+    low = np.floor((centre - radius[:, None])[pairs.ravel()].min(axis=0)).astype(int)
+    high = np.ceil((centre + radius[:, None])[pairs.ravel()].max(axis=0)).astype(int)
+    if found is not None:
+        low = np.minimum(low, found.corner)
+        high = np.maximum(high, np.add(found.corner, found.mask.shape[::-1]) - 1)
+    columns, rows = np.meshgrid(np.arange(low[0], high[0] + 1), np.arange(low[1], high[1] + 1))
+    within = {i: np.hypot(columns - centre[i, 0], rows - centre[i, 1]) < radius[i] for i in np.unique(pairs)}
+    mask = np.zeros(columns.shape, bool)
+    for i, j in pairs:
+        mask |= within[i] & within[j]
+    if found is not None:
+        mask |= found.at(np.stack([columns, rows], axis=-1))
+    return Hidden(mask, (int(low[0]), int(low[1])))
+
+
+def _differ(a: Hidden | None, b: Hidden | None) -> bool:
+    if a is None or b is None:
+        return a is not b
+    if a.corner == b.corner and a.mask.shape == b.mask.shape:
+        apart = np.logical_xor(a.mask, b.mask).sum()
+    else:
+        low, high = np.minimum(a.corner, b.corner), np.maximum(*(np.add(h.corner, h.mask.shape[::-1]) for h in (a, b)))
+        at = np.stack(np.meshgrid(np.arange(low[0], high[0]), np.arange(low[1], high[1])), axis=-1)
+        apart = np.logical_xor(a.at(at), b.at(at)).sum()
+    return bool(apart > CHANGED * max(a.mask.sum(), b.mask.sum()))
+
+
+def _grid_faces(around: int, along: int) -> np.ndarray:
+    """Triangles (F, 3) of nodes (N_x, N_s), closed around, ends open."""
+    x, s = np.meshgrid(np.arange(around), np.arange(along - 1), indexing="ij")
+    a, b = x * along + s, (x + 1) % around * along + s
+    return np.concatenate([np.stack([a, b, a + 1], -1), np.stack([b, b + 1, a + 1], -1)]).reshape(-1, 3)

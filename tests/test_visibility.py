@@ -1,0 +1,286 @@
+"""Depth passes against exact rays, what hides what, and what that makes of a potential."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from symseek.device import start_quietly
+from symseek.render.visibility import DepthPass
+from symseek.scenes import raster, shapes
+from symseek.scenes.synthetic import vertex_normals
+from symseek.sim.camera import Camera
+from symseek.sim.hidden import Hidden
+from symseek.sim.potential import Potential
+from symseek.sim.visibility import Visibility, _grid_faces, cast_rays, hidden_by_depth, hidden_by_rays, seen
+
+SIZE = 512
+CAMERAS = {
+    "orthographic": Camera.orthographic(),
+    "stereo": Camera.stereo(-0.3),
+    "perspective": Camera.perspective(
+        np.array([[900.0, 0, 256], [0, 900, 256], [0, 0, 1]]), np.eye(3), np.array([-256.0, -256, 900])
+    ),
+}
+
+
+@pytest.fixture(scope="module")
+def draw():
+    start_quietly()
+    with DepthPass() as depth_pass:
+        yield depth_pass
+
+
+def solids() -> list[tuple[np.ndarray, np.ndarray]]:
+    """A pear behind an egg, some 260 px long."""
+    out = []
+    for kind, angle, place in (("egg", 0.4, (300.0, 300.0, -90.0)), ("pear", 1.9, (230.0, 230.0, 80.0))):
+        vertices, faces = shapes.mesh(shapes.sweep(kind, np.random.default_rng(3)), around=48, along=48)
+        c, s = np.cos(angle), np.sin(angle)
+        vertices = vertices @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]]).T
+        out.append((260 * (vertices - vertices.mean(0)) + place, faces))
+    return out
+
+
+def exact(camera: Camera, vertices: np.ndarray, faces: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    """Depth along the line of sight's axis where the ray of each pixel (n, 2) first meets a face; infinite for none.
+
+    In float64 by Moeller and Trumbore, in the world: nothing is projected.
+    """
+    m = camera.matrix
+    if camera.affine:
+        way = np.broadcast_to(camera.sight(np.zeros(3)), (len(pixels), 3))
+        sides = np.stack([m[0, :3], m[1, :3], way[0]])
+        heights = np.column_stack([pixels - m[:2, 3], np.full(len(pixels), -5000.0)])
+        start = np.linalg.solve(sides, heights.T).T
+    else:
+        start = np.broadcast_to(-np.linalg.solve(m[:, :3], m[:, 3]), (len(pixels), 3))
+        way = np.linalg.solve(m[:, :3], np.column_stack([pixels, np.ones(len(pixels))]).T).T
+        way = way / (way @ np.array([0, 0, 1.0]))[:, None]
+    nearest = np.full(len(pixels), np.inf)
+    for a, b, c in vertices[faces]:
+        p = np.cross(way, c - a)
+        det = p @ (b - a)
+        safe = np.where(np.abs(det) < 1e-12, 1.0, det)
+        u = ((start - a) * p).sum(1) / safe
+        q = np.cross(start - a, b - a)
+        v, t = (way * q).sum(1) / safe, (q @ (c - a)) / safe
+        hit = (np.abs(det) > 1e-12) & (u >= 0) & (v >= 0) & (u + v <= 1)
+        nearest = np.where(hit & (t < nearest), t, nearest)
+    at = start + np.where(np.isfinite(nearest), nearest, 0)[:, None] * way
+    depth = camera.distance(at) if camera.affine else -1 / np.maximum(at[:, 2] + 900, 1e-9)
+    return np.where(np.isfinite(nearest), depth, np.inf)
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+def test_depth_pass_against_exact_rays(draw, name):
+    """Mask equal but for the outline's last half pixel, depth to 1e-5 of its range, owners equal: all by both ways."""
+    camera = CAMERAS[name]
+    meshes = [(seen(camera, vertices), faces) for vertices, faces in solids()]
+    passes = {"depth": draw(meshes, (SIZE, SIZE)), "rays": cast_rays(meshes, (SIZE, SIZE))}
+    rng = np.random.default_rng(0)
+    mask = np.isfinite(passes["rays"][0])
+    rows, columns = np.nonzero(mask)
+    pick = rng.choice(len(rows), 400)
+    pixels = np.stack([columns[pick], rows[pick]], axis=1)
+    around = rng.integers(0, SIZE, (200, 2))
+    pixels = np.concatenate([pixels, around]).astype(float)
+    alone = np.stack([exact(camera, *mesh, pixels) for mesh in solids()])
+    true, owner = alone.min(axis=0), np.where(np.isfinite(alone.min(axis=0)), alone.argmin(axis=0), -1)
+    column, row = pixels.astype(int).T
+    spread = np.ptp(true[np.isfinite(true)])
+    for depth, found in passes.values():
+        # a pixel from an outline, where front and back of a surface are far apart, ways may differ
+        calm = np.all([found[np.clip(row + i, 0, 511), np.clip(column + j, 0, 511)] == found[row, column]
+                       for i in (-1, 0, 1) for j in (-1, 0, 1)], axis=0)  # fmt: skip
+        np.testing.assert_array_equal(found[row, column][calm], owner[calm])
+        np.testing.assert_array_equal(np.isfinite(depth[row, column][calm]), np.isfinite(true[calm]))
+        hit = calm & np.isfinite(true)
+        assert hit.sum() > 250
+        np.testing.assert_allclose(depth[row, column][hit], true[hit], atol=1e-5 * spread)
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+def test_nodes_hidden_by_either_way(draw, name):
+    """Of nodes that face the viewer, by the depth buffer and by a ray from each: half a percent apart, at edges only."""
+    camera, both = CAMERAS[name], solids()
+    meshes = [(seen(camera, vertices), faces) for vertices, faces in both]
+    facing = np.concatenate([(vertex_normals(v, f) * camera.sight(v)).sum(axis=1) < 0 for v, f in both])
+    points = np.concatenate([vertices for vertices, _ in meshes])
+    margin = 0.04 * np.ptp(points[:, 2])
+    depth, _ = draw(meshes, (SIZE, SIZE))
+    by_depth, by_rays = hidden_by_depth(points, depth, margin), hidden_by_rays(points, meshes, margin)
+    assert 0.03 < by_rays[facing].mean() < 0.3 and by_rays[~facing].mean() > 0.7
+    apart = (by_depth != by_rays) & facing
+    assert apart.sum() <= 0.005 * facing.sum()
+    for column, row, _ in points[apart]:
+        near = depth[int(row) - 1 : int(row) + 3, int(column) - 1 : int(column) + 3]
+        assert np.any(~np.isfinite(near)) or np.ptp(near) > margin  # a jump or a steep side within a pixel
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+def test_depth_pass_over_the_whole_picture(draw, name):
+    """Against a rasteriser in float64: the same owner but within half a pixel of an outline, depth to 1e-5 of its range."""
+    camera = CAMERAS[name]
+    meshes = [(seen(camera, vertices), faces) for vertices, faces in solids()]
+
+    def true(shift: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
+        depth, owner = np.full((SIZE, SIZE), np.inf), np.full((SIZE, SIZE), -1)
+        for number, (vertices, faces) in enumerate(meshes):
+            points = vertices[:, :2] + shift
+            a, b, c = np.moveaxis(points[faces], 1, 0)
+            front = faces[(b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0] < 0]
+            face = raster.visible(points, vertices[:, 2], front, (SIZE, SIZE), 1)
+            row, column, chosen, weight = raster.barycentric(points, front, face, 1)
+            own = (vertices[front[chosen], 2] * weight).sum(axis=1)
+            nearer = own < depth[row, column]
+            depth[row[nearer], column[nearer]], owner[row[nearer], column[nearer]] = own[nearer], number
+        return depth, owner
+
+    depth, owner = true((0.0, 0.0))
+    band = np.zeros(owner.shape, bool)
+    for angle in np.arange(8) * np.pi / 4:
+        band |= true((0.5 * np.cos(angle), 0.5 * np.sin(angle)))[1] != owner
+    assert 0.1 < (owner >= 0).mean() < 0.9 and (owner == 0).any() and (owner == 1).any() and band.mean() < 0.02
+    spread = np.ptp(depth[owner >= 0])
+    for found, whose in (draw(meshes, (SIZE, SIZE)), cast_rays(meshes, (SIZE, SIZE))):
+        np.testing.assert_array_equal(whose[~band], owner[~band])
+        same = ~band & (owner >= 0)
+        np.testing.assert_allclose(found[same], depth[same], atol=1e-5 * spread)
+
+
+def memory() -> int:
+    """Resident bytes of this process."""
+    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="memory is read from /proc")
+def test_depth_passes_do_not_fill_the_memory(draw):
+    meshes = [(seen(CAMERAS["orthographic"], vertices), faces) for vertices, faces in solids()]
+    for _ in range(10):
+        draw(meshes, (SIZE, SIZE))
+    before = memory()
+    for _ in range(100):
+        draw(meshes, (SIZE, SIZE))
+    assert memory() - before < 10e6
+
+
+def tube(line: np.ndarray, radius: float, nx: int = 12) -> np.ndarray:
+    """Circles across X or Y about a line in the image plane, shape (nx, n, 3)."""
+    tangent = np.gradient(line[:, :2], axis=0)
+    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+    normal = np.column_stack([-tangent[:, 1], tangent[:, 0], np.zeros(len(line))])
+    angle = 2 * np.pi * np.arange(nx) / nx
+    return line + radius * (np.cos(angle)[:, None, None] * normal + np.sin(angle)[:, None, None] * np.array([0.0, 0, 1]))
+
+
+class Scene:
+    """What `Visibility` asks of an assembly."""
+
+    def __init__(self, nodes: np.ndarray):
+        class View:
+            camera, image = Camera.orthographic(), np.zeros((200, 200))
+
+        self.views, self.tubes, self.nodes = [View()], [None], nodes
+        self.hidden: list[list[Hidden | None]] = [[None]]
+
+    def world(self, k: int):
+        return self.nodes, self.nodes.mean(axis=0)
+
+
+def refresh(visibility: Visibility, scenes: list[Any]) -> list[bool]:
+    return visibility.refresh(scenes)
+
+
+def upright(column: float, depth: float) -> Scene:
+    return Scene(tube(np.column_stack([np.full(9, column), np.linspace(20, 180, 9), np.full(9, depth)]), 15.0))
+
+
+def level(row: float, depth: float) -> Scene:
+    return Scene(tube(np.column_stack([np.linspace(20, 180, 9), np.full(9, row), np.full(9, depth)]), 15.0))
+
+
+@pytest.mark.parametrize("way", ["depth", "rays"])
+def test_who_hides_whom(draw, way):
+    """By the depth of the spines, though the tubes run through each other; only where both are; equal depths hide none."""
+    visibility = Visibility(draw if way == "depth" else None)
+    front, back = upright(100, 0.0), level(80, 5.0)
+    assert refresh(visibility, [front, back]) == [False, True]
+    assert front.hidden[0][0] is None
+    hidden = back.hidden[0][0]
+    assert hidden is not None
+    rows, columns = np.mgrid[:200, :200]
+    mask = hidden.at(np.stack([columns, rows], axis=-1))
+    crossing = (np.abs(columns - 100) <= 13) & (np.abs(rows - 80) <= 13)
+    assert mask[crossing].all() and not mask[(np.abs(columns - 100) > 16) | (np.abs(rows - 80) > 18)].any()
+    assert refresh(visibility, [front, back]) == [False, False]
+    back.nodes = back.nodes + np.array([0, 40.0, 0])
+    assert refresh(visibility, [front, back]) == [False, True]
+    back.nodes = back.nodes - np.array([0, 0, 5.0])
+    assert refresh(visibility, [front, back]) == [False, True]
+    assert back.hidden[0][0] is None and front.hidden[0][0] is None
+
+
+def test_nothing_is_drawn_where_nothing_meets():
+    def refused(meshes, shape):
+        raise AssertionError("drawn for nothing")
+
+    visibility = Visibility(refused)
+    assert refresh(visibility, [upright(40, 0.0), upright(120, 3.0)]) == [False, False]
+
+
+def test_what_changes_little_by_little_comes_to_count():
+    """A back that drifts by a third of a per cent of what is hidden a look: told before it has gone far."""
+    visibility = Visibility(None)
+    front, back = upright(100, 0.0), level(80, 5.0)
+    refresh(visibility, [front, back])
+    told = []
+    for _ in range(20):
+        back.nodes = back.nodes + np.array([0, 0.1, 0])
+        told.append(refresh(visibility, [front, back])[1])
+    assert any(told)
+    hidden = back.hidden[0][0]
+    assert hidden is not None
+    row = np.argwhere(hidden.mask.any(axis=1))[:, 0].mean() + hidden.corner[1]
+    assert abs(row - 82) < 1.1
+
+
+def test_before_itself():
+    """A loop: hidden where it crosses, and nowhere else."""
+    t = np.linspace(0, 2 * np.pi * 0.9, 40) + 0.8
+    line = np.column_stack([100 + 60 * np.sin(t), 100 + 45 * np.sin(2 * t), 10 * np.cos(t)])
+    scene = Scene(tube(line, 8.0))
+    assert refresh(Visibility(None), [scene]) == [True]
+    hidden = scene.hidden[0][0]
+    assert hidden is not None and hidden.at(np.array([100.0, 100.0]))
+    rows, columns = np.mgrid[:200, :200]
+    mask = hidden.at(np.stack([columns, rows], axis=-1))
+    assert not mask[np.hypot(columns - 100, rows - 100) > 25].any()
+    assert refresh(Visibility(None), [upright(100, 0.0)]) == [False]
+
+
+def test_beta_of_a_half_plane():
+    """0 on what is hidden and a blur further, 1 from two blurs on, even between; nothing beyond the mask is hidden."""
+    mask = np.zeros((40, 60), bool)
+    mask[:, :20] = True
+    hidden = Hidden(mask, (10, 5))
+    sigma, step = 3.0, 0.5
+    potential = Potential(sigma, np.ones((60, 120, 4), np.float32), np.zeros((60, 120)), step, (10.0, 10.0))
+    beta = hidden.beta(potential)[30]
+    column = 10 + step * np.arange(120)
+    blur = np.hypot(sigma, step)
+    expected = np.clip((column - 29.0) / blur - 1, 0, 1)
+    np.testing.assert_allclose(beta, np.where(column < 29.0, 0, expected), atol=0.51 * step / blur)
+    assert hidden.near(np.array([[29 + 0.9 * sigma, 20.0]]), sigma) and not hidden.near(
+        np.array([[29 + 1.5 * sigma, 20.0]]), sigma
+    )
+    assert not hidden.at(np.array([[0.0, 0.0], [9.0, 20.0], [15.0, 300.0]])).any()
+
+
+def test_grid_faces_close_the_ring():
+    faces = _grid_faces(5, 3)
+    assert len(faces) == 5 * 2 * 2 and sorted(np.unique(faces)) == list(range(15))
