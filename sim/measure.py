@@ -97,9 +97,7 @@ def map_agreement(
         rows, columns = np.indices(mask.shape)
         points = np.stack([columns, rows], axis=-1) * map_.step + map_.origin
         seen = ~hidden.near(points, 0.5 * map_.step)
-    apart = sum(
-        np.sum(a & np.logical_not(ndimage.binary_dilation(b)) & seen) for a, b in ((mask, object_), (object_, mask))
-    )
+    apart = sum(np.sum(a & np.logical_not(ndimage.binary_dilation(b)) & seen) for a, b in ((mask, object_), (object_, mask)))
     sure, maybe = (map_.inside > SURE) & seen, (map_.inside > 1 - SURE) & seen
     return float(1 - apart / max(((mask | object_) & seen).sum(), 1)), float(sure.sum() / max(maybe.sum(), 1))
 

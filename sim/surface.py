@@ -122,9 +122,7 @@ def refine(
         quads = np.concatenate([np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)])
         first, last = n * m, n * m + 1
         top = n * (m - 1)
-        caps = np.concatenate(
-            [np.stack([np.full(n, first), y, x], -1), np.stack([np.full(n, last), top + x, top + y], -1)]
-        )
+        caps = np.concatenate([np.stack([np.full(n, first), y, x], -1), np.stack([np.full(n, last), top + x, top + y], -1)])
         faces.append(np.concatenate([quads, caps]).astype(np.int64) + count)
         count += len(vertices[-1])
     return np.concatenate(vertices), np.concatenate(faces)

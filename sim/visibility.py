@@ -160,7 +160,7 @@ class Visibility:
             for number, k in enumerate(involved):
                 found[k] = _behind(depth, owner, number, centres[k], boxes[k] - first, first, AHEAD * length[k])
         for k, tube in enumerate(flat):
-            found[k] = _with_own(found[k], tube)
+            found[k] = _with_own(found[k], tube, shape)
         return found
 
 
@@ -183,8 +183,8 @@ def _behind(
     return Hidden(mask, (int(left + first[0]), int(top + first[1]))) if mask.any() else None
 
 
-def _with_own(found: Hidden | None, tube: np.ndarray) -> Hidden | None:
-    """Adds where a tube as seen, shape (N_x, N_s, 3), lies before itself."""
+def _with_own(found: Hidden | None, tube: np.ndarray, shape: tuple[int, ...]) -> Hidden | None:
+    """Adds where a tube as seen, shape (N_x, N_s, 3), lies before itself, within a picture of (height, width)."""
     centre = tube[..., :2].mean(axis=0)
     radius = np.linalg.norm(tube[..., :2] - centre, axis=2).max(axis=0)
     arc = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(centre, axis=0), axis=1))])
@@ -198,6 +198,9 @@ def _with_own(found: Hidden | None, tube: np.ndarray) -> Hidden | None:
     if found is not None:
         low = np.minimum(low, found.corner)
         high = np.maximum(high, np.add(found.corner, found.mask.shape[::-1]) - 1)
+    low, high = np.maximum(low, 0), np.minimum(high, np.array(shape[1::-1]) - 1)  # a pulled tube may reach far beyond
+    if np.any(high < low):
+        return found
     columns, rows = np.meshgrid(np.arange(low[0], high[0] + 1), np.arange(low[1], high[1] + 1))
     within = {i: np.hypot(columns - centre[i, 0], rows - centre[i, 1]) < radius[i] for i in np.unique(pairs)}
     mask = np.zeros(columns.shape, bool)

@@ -15,7 +15,11 @@ import warp as wp
 
 from symseek.device import prepare
 from symseek.kernels import contour, coupling, elastic, integrate, spring
+from symseek.pipeline import DepthPasses
+from symseek.sim.assembly import maps_of
+from symseek.sim.foreground import Foreground
 from symseek.sim.problem import Settings, View
+from symseek.sim.reconstruct import REFRESH, Look
 from symseek.sim.spring import Spring
 
 from .part import Part, Snapshot, Wish
@@ -50,7 +54,10 @@ class Engine:
         self._calls: list[tuple[Callable[[], Any], Future]] = []
         self._wake = threading.Condition()
         self._closed = False
-        self._chunk, self._published, self._measured = 10, 0.0, 0.0
+        self._published, self._measured = 0.0, 0.0
+        self._look: Look | None = None
+        self._maps: dict[int, Foreground] = {}
+        self._mapped: list[str] = []
         self._workers = max(1, (os.cpu_count() or 2) - 1)
         self._thread = threading.Thread(target=self._live, name="symseek-engine", daemon=True)
         self._thread.start()
@@ -111,7 +118,7 @@ class Engine:
         return self.call(lambda: self._parts[uid].let_go(pin) if uid in self._parts else [])
 
     def settle(self) -> Future:
-        """Plays again what did not go as `symseek run` will go, and takes it to where it was."""
+        """Plays again what did not go as `symseek run` will go, up to where it was; all of it where one hides another."""
         return self.call(self._settle)
 
     def at_rest(self) -> bool:
@@ -135,7 +142,11 @@ class Engine:
         prepare(self.device)
         for module in (elastic, coupling, contour, integrate, spring):
             wp.load_module(module, device=self.device)
-        with ThreadPoolExecutor(os.cpu_count()) as self._ahead, ThreadPoolExecutor(self._workers) as self._pool:
+        with (
+            ThreadPoolExecutor(os.cpu_count()) as self._ahead,
+            ThreadPoolExecutor(self._workers) as self._pool,
+            DepthPasses() as self._depth,
+        ):
             before = time.perf_counter()
             while True:
                 with self._wake:
@@ -180,18 +191,25 @@ class Engine:
 
     def _round(self, passed: float) -> None:
         """Takes all active runs on for about `ROUND`, no faster than `speed`."""
-        active = self._active()
-        if not active:
-            return
-        begun = time.perf_counter()
-        most = max(1, round(self.speed * min(passed, 4 * ROUND)))
-        count = min(self._chunk, most)
-        list(self._pool.map(lambda part: part.run.advance(count), active))
-        spent = time.perf_counter() - begun
-        self._chunk = int(np.clip(self._chunk * np.clip(ROUND / max(spent, 1e-4), 0.5, 1.5), 1, 1000))
-        if count < self._chunk and spent < ROUND:
+        begun, left = time.perf_counter(), max(1, round(self.speed * min(passed, 4 * ROUND)))
+        while left > 0 and self._active() and time.perf_counter() - begun < ROUND:
+            left -= self._advance(left)
+        spare = begun + ROUND - time.perf_counter()
+        if self._active() and spare > 0:
             with self._wake:
-                self._wake.wait(ROUND - spent) if not self._calls else None
+                if not self._calls:
+                    self._wake.wait(spare)
+
+    def _advance(self, most: int) -> int:
+        """Takes all active runs on together, to the next look at what hides them; by how many iterations."""
+        parts, active = [part.run for part in self._parts.values()], self._active()
+        if self._look is None:
+            self._look = Look(parts, self._settings, self._depth)
+            self._look.again(max(run.iteration for run in parts))
+        count = min(most, max(1, REFRESH - (max(run.iteration for run in parts) - self._look.last)))
+        list(self._pool.map(lambda part: part.run.advance(count), active))
+        self._look.again(max(run.iteration for run in parts))
+        return count
 
     def _publish(self, at_once: bool) -> None:
         now = time.perf_counter()
@@ -208,13 +226,17 @@ class Engine:
 
     def _show(self, view: View, settings: Settings, wishes: dict[int, Wish], fresh: bool) -> None:
         if fresh:
-            self._go = {}
+            self._go, self._mapped, self._maps = {}, [], {}
             self._remove(list(self._parts))
-        self._view, self._settings = view, settings
+        self._view, self._settings, self._look = view, settings, None
         self._remove([uid for uid in self._parts if uid not in wishes])
+        mapped = [wish.structure for wish in wishes.values()]
+        if mapped != self._mapped:  # each is made with the others in mind
+            found = maps_of([view], [wish.tube for wish in wishes.values()]) if wishes else []
+            self._maps, self._mapped = dict(zip(wishes, found, strict=True)), mapped
         for uid, wish in wishes.items():
             part = self._parts.get(uid)
-            if part is None or part.wish.structure != wish.structure:
+            if part is None or part.wish.structure != wish.structure or not _same(part.map, self._maps[uid]):
                 self._begin(uid, wish)
                 continue
             if wish.tube.springs != part.wish.tube.springs:
@@ -231,17 +253,16 @@ class Engine:
         """A run from its start, in the place of the one there was."""
         assert self._view is not None
         old = self._parts.get(uid)
-        known = old.map if old is not None and old.wish.structure == wish.structure else None
         if old is not None:
             self._go[uid] = old.go
             old.run.stop()
-        part = self._parts[uid] = Part(wish, self._view, known, self._settings, self.device, self._ahead)
+        part = self._parts[uid] = Part(wish, self._view, self._maps[uid], self._settings, self.device, self._ahead)
         part.go = self._go.get(uid, False)
         return part
 
     def _play(self, uid: int, wish: Wish, until: int) -> None:
         """The same run with other springs, up to an iteration, before anybody sees it."""
-        part = self._begin(uid, wish)
+        part, self._look = self._begin(uid, wish), None
         while part.run.iteration < until and not part.run.done:
             part.run.advance(until - part.run.iteration)
 
@@ -250,11 +271,13 @@ class Engine:
             part.go = self._go[uid] = on
 
     def _step(self, count: int) -> None:
+        self._set_going(True)
+        while count > 0 and self._active():
+            count -= self._advance(count)
         self._set_going(False)
-        for part in self._parts.values():
-            part.run.advance(count)
 
     def _reset(self) -> None:
+        self._look = None
         for uid, part in list(self._parts.items()):
             loose = tuple(s for s in part.wish.tube.springs if s.stop is None)
             tube = replace(part.wish.tube, springs=tuple(replace(s, start=0) for s in loose))
@@ -264,13 +287,26 @@ class Engine:
     def _hold(self, uid: int, point: tuple[float, float], mouse: tuple[float, ...], push: bool) -> None:
         part = self._parts.get(uid)
         if part is not None:
-            part.go = self._go[uid] = True
+            part.go, self._look = True, None
+            self._go[uid] = True
             part.hold(point, mouse, push)
 
     def _settle(self) -> None:
+        if any(part.hides for part in self._parts.values()):  # then they go together
+            for uid, part in list(self._parts.items()):
+                self._begin(uid, part.wish).go = True
+            self._look = None
+            while self._active():
+                self._advance(REFRESH)
+            return
         for uid, part in list(self._parts.items()):
             if not part.path:
                 self._play(uid, part.wish, part.run.iteration)
+
+
+def _same(a: Foreground, b: Foreground) -> bool:
+    """Whether two maps are the same."""
+    return a is b or (a.origin == b.origin and a.inside.shape == b.inside.shape and bool((a.inside == b.inside).all()))
 
 
 def _first_difference(new: Sequence[Spring], old: Sequence[Spring]) -> int:

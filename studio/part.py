@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from symseek.sim.assembly import Assembly, maps_of
+from symseek.sim.assembly import Assembly
 from symseek.sim.fields import PLACES, Cut
 from symseek.sim.foreground import Foreground
 from symseek.sim.measure import contour_support, support_measures
@@ -19,6 +19,8 @@ from symseek.sim.surface import occluding_contour
 
 STRENGTH = 4.0
 """Stiffness of the mouse's spring."""
+PUSH = 0.01
+"""Stiffness of its volcano, which acts on all of the object: more than the image's hold of a tube blows it away."""
 GRIP = 0.08
 """How far to both sides along an object the mouse takes hold of it, less and less [its length]: a ring alone would be drawn
 out to a disc."""
@@ -81,15 +83,14 @@ class Part:
     Args:
         wish: the object.
         view: image and camera.
-        map_: its foreground map; None: to be made.
+        map_: its foreground map.
         settings: of the solver.
         device: Warp device.
         ahead: makes potentials beside the run.
     """
 
-    def __init__(self, wish: Wish, view: View, map_: Foreground | None, settings: Settings, device: str, ahead: Executor):
-        self.wish, self.view = wish, view
-        self.map = maps_of([view], [wish.tube])[0] if map_ is None else map_
+    def __init__(self, wish: Wish, view: View, map_: Foreground, settings: Settings, device: str, ahead: Executor):
+        self.wish, self.view, self.map = wish, view, map_
         self.run = Relaxation(Assembly([view], [wish.tube], settings, device, [self.map]), ahead)
         self.go = False
         """it goes on, unless it is done."""
@@ -108,7 +109,7 @@ class Part:
         self.let_go(False)
         if push:
             reach = REACH * min(self.view.image.shape[:2])
-            volcano = self.run.pull(0, Spring(mouse, reach=reach, stiffness=STRENGTH))
+            volcano = self.run.pull(0, Spring(mouse, reach=reach, stiffness=PUSH))
             self.held = Grip([volcano], np.array([mouse]), np.ones(1))
             return
         tube, _ = self.run.scene.world(0)
@@ -153,6 +154,11 @@ class Part:
         made = list(listed[len(before.springs) :])
         self.path &= bool(made)  # it went on from its rest all the same
         return made
+
+    @property
+    def hides(self) -> bool:
+        """Whether anything hides a part of it."""
+        return any(hidden is not None for hidden in self.run.scene.hidden[0])
 
     def change(self, wish: Wish) -> None:
         """Goes on with another material."""
