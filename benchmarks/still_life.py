@@ -3,6 +3,7 @@
 `python -m benchmarks.still_life [--quick] [--tuning] [--out FILE.md]` prints medians and worst values over pictures of
 scenes/still_life.py that nobody tuned on. Of the hidden object: contour error where it is seen [px], IoU of the whole
 silhouette and of its hidden part, 3D error [% of length]; of the front one IoU and 3D error, and those of a run alone.
+Last, how often the depth order is found from the image.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from symseek.device import start_quietly
 from symseek.render.visibility import DepthPass
 from symseek.scenes import still_life
 from symseek.scenes.still_life import StillLife
+from symseek.sim.order import in_order
 from symseek.sim.problem import Settings, Tube, View
 from symseek.sim.reconstruct import ObjectResult, reconstruct
 
@@ -76,6 +78,17 @@ def seen_contour_error(silhouette: np.ndarray, life: StillLife) -> float:
     return float(truth.to_segments(true[seen], ours).mean()) if len(ours) else np.inf
 
 
+def order(lives: Sequence[StillLife]) -> list[str]:
+    """How often `depth = "auto"` finds the order, does not know it, or is wrong without knowing."""
+    told = []
+    for life in lives:
+        tubes = [Tube(o.clicks, name=n, find_depth=True) for n, o in (("front", life.front), ("back", life.back))]
+        (front, back), (found, _) = in_order(View(life.image), tubes)
+        assert found is not None
+        told.append("unknown" if found.unsure else "right" if front.depth < back.depth else "wrong")
+    return [str(len(lives)), *(str(told.count(word)) for word in ("right", "unknown", "wrong"))]
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="benchmarks.still_life", description="One object behind another.")
     parser.add_argument("--quick", action="store_true", help="half the pictures")
@@ -83,15 +96,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, help="file for the tables (.md)")
     given = parser.parse_args(arguments)
     start_quietly()
-    text = []
+    text, orders = [], [["", "n", "right", "does not know", "wrong"]]
     lots = {
         "A pear behind a potato": {"kinds": ("egg", "pear")},
         "Any solid behind any that is roundish": {},
     }
     for title, look in lots.items():
         tables: dict[str, list[Score]] = {"with visibility": [], "off": []}
-        for seed in (TUNING if given.tuning else SEEDS)[: 11 if given.quick else None]:
-            life = still_life.make(seed, **look)
+        seeds = (TUNING if given.tuning else SEEDS)[: 11 if given.quick else None]
+        lives = [still_life.make(seed, **look) for seed in seeds]
+        orders.append([title, *order(lives)])
+        print("  ".join(orders[-1]), file=sys.stderr, flush=True)
+        for life in lives:
             with DepthPass() as depth_pass:
                 for way, visibility in zip(tables, ("depth", "off"), strict=True):
                     tables[way].append(score(life, solve(life, visibility, depth_pass)))
@@ -109,6 +125,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 trusted = f"{sum(s.trusted for s in scores)} of {len(scores)}" if pick else ""
                 rows.append([f"{way}, {what}", *(f"{v:.3f}" for v in values), trusted])
         text.append((title, rows))
+    text.append(("Depth order, where it is left to be found", orders))
     for markdown in (False, True):
         report = "\n\n".join(f"{'### ' * markdown}{title}\n\n{as_text(rows, markdown)}" for title, rows in text)
         if markdown and given.out is not None:

@@ -15,7 +15,7 @@ def solve_open(factor: wp.array[wp.vec3], x: wp.array[wp.vec3], start: int, stri
     for i in range(n):
         at = start + i * stride
         f = factor[at]
-        y = x[at] - f[0] * p - f[1] * q
+        y = x[at] - f[1] * q - f[0] * p
         x[at] = y
         q = p
         p = y
@@ -27,7 +27,7 @@ def solve_open(factor: wp.array[wp.vec3], x: wp.array[wp.vec3], start: int, stri
     for k in range(n):
         at = start + (n - 1 - k) * stride
         f = factor[at]
-        y = x[at] * f[2] - l1 * p - l2 * q
+        y = x[at] * f[2] - l2 * q - l1 * p
         x[at] = y
         q = p
         p = y
@@ -61,7 +61,7 @@ def solve_cyclic(
         y = x[start + i]
         u -= w[0] * y
         v -= w[1] * y
-        y = y - f[0] * p - f[1] * q
+        y = y - f[1] * q - f[0] * p
         x[start + i] = y
         q = p
         p = y
@@ -78,7 +78,7 @@ def solve_cyclic(
         i = start + m - 1 - k
         f = factor[i]
         w = border[i]
-        y = x[i] * f[2] - l1 * p - l2 * q
+        y = x[i] * f[2] - l2 * q - l1 * p
         x[i] = y - w[0] * a - w[1] * b
         q = p
         p = y

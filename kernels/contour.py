@@ -33,15 +33,23 @@ def surface_normal(
     s: int,
     first: int,
     last: int,
-    centroid: wp.array[wp.vec3],
-    ring: int,
     closed: int,
 ):
-    """n(x, s) below (12), outward, by differences within rings first to last; at a closed end the cap's outward axis."""
+    """n(x, s) below (12), outward, by differences within rings first to last; at a closed end that of the ring beside it."""
     if closed != 0:
-        if s == 0:
-            return wp.normalize(v[start] - centroid[ring + 1])
-        return wp.normalize(v[start] - centroid[ring - 1])
+        # a pole all but lies in the plane of a flat end: the way to it from there is rounding, and says nothing
+        beside = start + n
+        if s > 0:
+            beside = start - n
+        area = wp.vec3(0.0)
+        here = v[beside + n - 1] - v[start]
+        for j in range(n):
+            after = v[beside + j] - v[start]
+            area += wp.cross(here, after)
+            here = after
+        if s > 0:
+            return wp.normalize(area)
+        return -wp.normalize(area)
     dx = v[start + elastic.wrap(x + 1, n)] - v[start + elastic.wrap(x - 1, n)]
     lo = start + x
     hi = start + x
@@ -55,7 +63,6 @@ def surface_normal(
 @wp.kernel(enable_backward=False)
 def normals(
     # model
-    node_ring: wp.array[int],
     ring_tube: wp.array[int],
     ring_node: wp.array[int],
     ring_s: wp.array[int],
@@ -66,23 +73,24 @@ def normals(
     eyes: wp.array[projection.Eye],
     # state in
     tube_in: wp.array[wp.vec3],
-    centroid_in: wp.array[wp.vec3],
     # scalars
     view: int,
     # out
     normal_out: wp.array[wp.vec3],
     facing_out: wp.array[float],
 ):
-    """Sets the unit normal n and i.n of (12) at each node for one view."""
-    i = wp.tid()
-    r = node_ring[i]
-    k = ring_tube[r]
+    """Sets the unit normal n and i.n of (12) at each ring's nodes for one view."""
+    r = wp.tid()
     start = ring_node[r]
-    n = tube_nx[k]
+    n = tube_nx[ring_tube[r]]
     s = ring_s[r]
-    m = surface_normal(tube_in, start, i - start, n, s, ring_first[r], ring_last[r], centroid_in, r, ring_closed[r])
-    normal_out[i] = m
-    facing_out[i] = wp.dot(projection.sight(eyes[view], tube_in[i]), m)
+    eye = eyes[view]
+    m = wp.vec3(0.0)
+    for x in range(n):
+        if x == 0 or ring_closed[r] == 0:
+            m = surface_normal(tube_in, start, x, n, s, ring_first[r], ring_last[r], ring_closed[r])
+        normal_out[start + x] = m
+        facing_out[start + x] = wp.dot(projection.sight(eye, tube_in[start + x]), m)
 
 
 @wp.func
@@ -212,8 +220,18 @@ def segment(
     ahead = projection.project(eye, a.position + 1.0e-3 * outward)
     if wp.dot(m, ahead - p) < 0.0:
         m = -m
-    scatter(force, a, density * pull(eye, field, samples, a, p, m, 0.5 * length, literal))
-    scatter(force, b, density * pull(eye, field, samples, b, q, m, 0.5 * length, literal))
+    part = image.seen(field, p, q)
+    if part[0] == 0.0 and part[1] == 1.0:
+        scatter(force, a, density * pull(eye, field, samples, a, p, m, 0.5 * length, literal))
+        scatter(force, b, density * pull(eye, field, samples, b, q, m, 0.5 * length, literal))
+    elif part[0] < part[1]:
+        # only what the image holds of it
+        half = 0.5 * (part[1] - part[0]) * length
+        for i in range(2):
+            t = part[i]
+            f = density * pull(eye, field, samples, a, (1.0 - t) * p + t * q, m, half, literal)
+            scatter(force, a, (1.0 - t) * f)
+            scatter(force, b, t * f)
 
 
 @wp.kernel(enable_backward=False)
@@ -228,7 +246,7 @@ def contour_force(
     ring_first: wp.array[int],
     ring_last: wp.array[int],
     eyes: wp.array[projection.Eye],
-    fields: wp.array2d[image.Field],
+    fields: wp.array[image.Field],
     samples: wp.array[wp.vec4],
     # state in
     tube_in: wp.array[wp.vec3],
@@ -252,7 +270,7 @@ def contour_force(
         return
     start = ring_node[r]
     if (s + 1 == ring_last[r + 1] and s + 1 < ns - 1) or (s == ring_first[r] and s > 0):
-        if blind(eyes[view], tube_in[start], tube_in[start + n], fields[k, view].sigma) != 0:
+        if blind(eyes[view], tube_in[start], tube_in[start + n], fields[k].sigma) != 0:
             return
     first = ring_first[r + 1]
     last = ring_last[r]
@@ -267,7 +285,7 @@ def contour_force(
     # a line load along s as a load per hx hs
     density = float(n) * float(ns - 1)
     eye = eyes[view]
-    field = fields[k, view]
+    field = fields[k]
     bottom = Crossing()
     top = Crossing()
     left = Crossing()
@@ -309,7 +327,7 @@ def switch_force(
     node_ring: wp.array[int],
     ring_tube: wp.array[int],
     eyes: wp.array[projection.Eye],
-    fields: wp.array2d[image.Field],
+    fields: wp.array[image.Field],
     samples: wp.array[wp.vec4],
     # state in
     tube_in: wp.array[wp.vec3],
@@ -328,7 +346,7 @@ def switch_force(
         return
     k = ring_tube[node_ring[i]]
     eye = eyes[view]
-    field = fields[k, view]
+    field = fields[k]
     v = tube_in[i]
     p = projection.project(eye, v)
     d = projection.depth(eye, v)
@@ -341,58 +359,3 @@ def switch_force(
         m = wp.vec2(wp.dot(j0, normal_in[i]), wp.dot(j1, normal_in[i]))
         f = image.lift(j0, j1, image.normal_pull(value, wp.normalize(m)))
     wp.atomic_add(force_out, i, AT_NODES * field.gain * f)
-
-
-@wp.kernel(enable_backward=False)
-def pole_force(
-    # model
-    tube_node: wp.array[int],
-    tube_ring: wp.array[int],
-    tube_nx: wp.array[int],
-    tube_ns: wp.array[int],
-    ring_closed: wp.array[int],
-    eyes: wp.array[projection.Eye],
-    fields: wp.array2d[image.Field],
-    samples: wp.array[wp.vec4],
-    # state in
-    tube_in: wp.array[wp.vec3],
-    spine_in: wp.array[wp.vec3],
-    facing_in: wp.array[float],
-    # scalars
-    view: int,
-    # out
-    force_out: wp.array[wp.vec3],
-):
-    """Adds the region's pressure on closed ends that lie on the contour, along the spine: it carries poles into tips.
-
-    At a tip the contour's own normals point sideways, so that the line integral has no force along it.
-    """
-    i = wp.tid()
-    k = i // 2
-    n = tube_nx[k]
-    ns = tube_ns[k]
-    ring = tube_ring[k]
-    node = tube_node[k]
-    inner = ring + 2
-    if i % 2 == 1:
-        ring += ns - 1
-        node += n * (ns - 1)
-        inner = ring - 2
-    if ring_closed[ring] == 0:
-        return
-    eye = eyes[view]
-    field = fields[k, view]
-    v = tube_in[node]
-    p = projection.project(eye, v)
-    q = projection.project(eye, spine_in[inner])
-    on_contour = 1.0 - wp.abs(facing_in[node]) / 0.25
-    e = p - q
-    if on_contour <= 0.0 or wp.length(e) < 1.0e-6:
-        return
-    d = projection.depth(eye, v)
-    j0 = projection.jacobian_row(eye.row0, eye.row2, p[0], d)
-    j1 = projection.jacobian_row(eye.row1, eye.row2, p[1], d)
-    push = image.sample(samples, field, p)[3] * on_contour
-    f = field.gain * float(n) * image.lift(j0, j1, push * wp.normalize(e))
-    for x in range(n):
-        wp.atomic_add(force_out, node + x, f / float(n))

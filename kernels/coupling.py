@@ -4,6 +4,8 @@ import warp as wp
 
 from . import elastic, projection
 
+Coupling = wp.types.vector(length=8, dtype=float)
+"""a, reaction, b, c, balance, d, centre, depth of a ring, as `sim.model` numbers them."""
 SMALL = wp.constant(1.0e-9)
 WINDOW = wp.constant(20)
 """Segments of the spine either side that a ring's tangent looks at."""
@@ -14,7 +16,7 @@ THINNEST = wp.constant(0.004)
 @wp.func
 def unit(v: wp.vec3):
     """v / |v|, zero where v is."""
-    return v / wp.max(wp.length(v), SMALL)
+    return 1.0 / wp.max(wp.length(v), SMALL) * v
 
 
 @wp.func
@@ -34,13 +36,13 @@ def attract(strength: float, target: wp.vec3, position: wp.vec3):
 @wp.func
 def symmetry(b: float, mean_radius: float, r: wp.vec3):
     """f_b of (8), b (rbar - |r|) r/|r|."""
-    return b * (mean_radius - wp.length(r)) * unit(r)
+    return b * (mean_radius - wp.length(r)) / wp.max(wp.length(r), SMALL) * r
 
 
 @wp.func
 def expansion(c: float, r: wp.vec3, floor: float):
     """f_c of (9), c r/|r|, linear within `floor` of the spine so that a cinched end stays regular."""
-    return c * r / wp.max(wp.length(r), wp.max(floor, SMALL))
+    return c / wp.max(wp.length(r), wp.max(floor, SMALL)) * r
 
 
 @wp.func
@@ -134,21 +136,21 @@ def ring_means(
     moment = wp.vec3(0.0)
     reach = float(0.0)
     gap = float(0.0)
-    plain = wp.vec3(0.0)
-    before = tube_in[start + n - 1]
     here = tube_in[start]
+    behind = wp.length(here - tube_in[start + n - 1])
     for x in range(n):
         after = tube_in[start + elastic.wrap(x + 1, n)]
-        w = 0.5 * (wp.length(here - before) + wp.length(after - here)) + SMALL
+        ahead = wp.length(after - here)
+        w = 0.5 * (behind + ahead) + SMALL
         around += w
         moment += w * (here - centre)
         reach += w * wp.length(here - centre)
-        plain += here
         if s < last:
             gap += wp.length(tube_in[start + n + x] - here)
-        before = here
+        behind = ahead
         here = after
-    centroid_out[r] = centre + moment / around
+    centroid = centre + moment / around
+    centroid_out[r] = centroid
     radius_out[r] = reach / around
     gap_out[r] = gap / float(n)
     along = wp.vec3(0.0)
@@ -160,17 +162,47 @@ def ring_means(
     t = unit(along)
     tilt = wp.vec3(0.0)
     for x in range(n):
-        e = tube_in[start + x] - centroid_out[r]
-        tilt += wp.dot(e, t) / float(n) * e
-    tilt -= wp.dot(tilt, t) * t
+        e = tube_in[start + x] - centroid
+        tilt += wp.dot(e, t) * e
+    tilt = (tilt - wp.dot(tilt, t) * t) / float(n)
     tangent_out[r] = t
     tilt_out[r] = end_mass(s, last + 1) * tilt / wp.max(wp.length(along), 1.0 / float(last))
 
 
 @wp.kernel(enable_backward=False)
+def ring_tension(
+    # model
+    ring_s: wp.array[int],
+    ring_first: wp.array[int],
+    ring_last: wp.array[int],
+    ring_hold: wp.array[float],
+    # state in
+    gap_in: wp.array[float],
+    # out
+    tension_out: wp.array[float],
+):
+    """Sets the tension of each ring's edges to the next, which keeps rings from sliding along the surface for ever.
+
+    That of springs of stiffness `ring_hold` on the mean edges, less what those of a piece between discontinuities have in
+    common: minus the gradient of sum hold/2 (gap - its share of all gaps)^2. It keeps shares, and neither draws nor pushes
+    ends.
+    """
+    r = wp.tid()
+    s = ring_s[r]
+    tension_out[r] = 0.0
+    if ring_hold[r] == 0.0 or s >= ring_last[r]:
+        return
+    length = float(0.0)
+    compliance = float(0.0)
+    for q in range(r - s + ring_first[r + 1], r - s + ring_last[r]):
+        length += gap_in[q]
+        compliance += 1.0 / ring_hold[q]
+    tension_out[r] = ring_hold[r] * gap_in[r] - length / compliance
+
+
+@wp.kernel(enable_backward=False)
 def tube_force(
     # model
-    node_ring: wp.array[int],
     ring_tube: wp.array[int],
     ring_node: wp.array[int],
     ring_s: wp.array[int],
@@ -182,7 +214,7 @@ def tube_force(
     w11: wp.array[float],
     w01: wp.array[float],
     w02: wp.array[float],
-    coupling: wp.array2d[float],
+    coupling: wp.array[Coupling],
     depth_rest: wp.array[float],
     eyes: wp.array[projection.Eye],
     # state in
@@ -192,50 +224,85 @@ def tube_force(
     radius_in: wp.array[float],
     gap_in: wp.array[float],
     tangent_in: wp.array[wp.vec3],
+    tension_in: wp.array[float],
     # out
     force_out: wp.array[wp.vec3],
 ):
-    """Sets the intrinsic force on each tube node: (5), f_a, f_b, f_c of (10) and ours.
+    """Sets the intrinsic force on each ring's nodes: (5), f_a, f_b, f_c of (10) and ours.
 
-    Ours are upright rings, centred poles, the hold of depth.
+    Ours are upright rings, centred poles, the hold of depth, rings held along the surface.
     Forces are loads per hx hs, so end nodes, which own half a cell, carry half.
     """
-    i = wp.tid()
-    r = node_ring[i]
+    r = wp.tid()
     k = ring_tube[r]
     n = tube_nx[k]
     ns = tube_ns[k]
     s = ring_s[r]
     start = ring_node[r]
-    x = i - start
     hx = 1.0 / float(n)
     hs = 1.0 / float(ns - 1)
-    v = tube_in[i]
-    f = elastic.line_force(tube_in, w01, w02, i, n, s, ns, hs)
-    f += elastic.twist_force(tube_in, w11, start, x, n, s, ns, hx, hs)
     mass = end_mass(s, ns)
-    f += mass * attract(coupling[r, 1], spine_in[r], centroid_in[r])
-    f += mass * hold_depth(coupling[r, 7], depth_rest[r], eyes[0], centroid_in[r])
-    if ring_closed[r] == 0:
-        f += mass * elastic.ring_force(tube_in, w10, w20, start, x, n, hx)
-        offset = v - spine_in[r]
-        f += mass * symmetry(coupling[r, 2], radius_in[r], offset)
-        f += mass * expansion(coupling[r, 3], offset, 0.1 * radius_in[r])
-        # a ring must not shrink through a point
-        f += mass * wp.max(THINNEST - radius_in[r], 0.0) * unit(v - centroid_in[r])
+    spine = spine_in[r]
+    centroid = centroid_in[r]
+    radius = radius_in[r]
+    tangent = tangent_in[r]
+    weight = coupling[r]
+    even = mass * (attract(weight[1], spine, centroid) + hold_depth(weight[7], depth_rest[r], eyes[0], centroid))
+    # a ring must not shrink through a point
+    swell = wp.max(THINNEST - radius, 0.0) + weight[4] * radius
+    own = mass
+    before = float(0.0)
+    after = float(0.0)
+    if ring_closed[r] != 0:
+        own = 0.0
+        if s == 0:
+            after = mass * weight[6]
+        else:
+            before = mass * weight[6]
+    elif s > 0 and s < ns - 1:
+        if ring_closed[r - 1] != 0:
+            before = 0.5 * weight[6]
+        if ring_closed[r + 1] != 0:
+            after = 0.5 * weight[6]
+    twisted = bool(False)
+    for i in range(start, start + n):
+        if w11[i] != 0.0 or w11[i - n * wp.min(s, 1)] != 0.0:
+            twisted = True
+    t1 = 1.0 / (hx * hx)
+    t2 = t1 * t1
+    # as `elastic.ring_force`, but each edge's pull and each node's moment is carried on to the nodes that share it
+    behind = tube_in[start + n - 1]
+    v = tube_in[start]
+    ahead = tube_in[start + 1]
+    pull = t1 * w10[start + n - 1] * (v - behind)
+    moment0 = t2 * w20[start + n - 1] * elastic.bend(tube_in[start + n - 2], behind, v)
+    moment1 = t2 * w20[start] * elastic.bend(behind, v, ahead)
+    for x in range(n):
+        i = start + x
+        beyond = tube_in[start + elastic.wrap(x + 2, n)]
+        pull_ahead = t1 * w10[i] * (ahead - v)
+        moment2 = t2 * w20[start + elastic.wrap(x + 1, n)] * elastic.bend(v, ahead, beyond)
+        f = pull_ahead - pull - elastic.bend(moment0, moment1, moment2)
+        f += symmetry(weight[2], radius, v - spine) + expansion(weight[3], v - spine, 0.1 * radius)
         # from the centroid, as the contraction that it cancels: from the spine it would push rings along it
-        f += mass * coupling[r, 4] * radius_in[r] * unit(v - centroid_in[r])
-        f += mass * upright(coupling[r, 5], v - centroid_in[r], tangent_in[r])
-        if s > 0 and s < ns - 1:
-            if ring_closed[r - 1] != 0:
-                f -= 0.5 * coupling[r, 6] * centre_pole(tube_in[i - n], v, gap_in[r - 1])
-            if ring_closed[r + 1] != 0:
-                f -= 0.5 * coupling[r, 6] * centre_pole(tube_in[i + n], v, gap_in[r])
-    elif s == 0:
-        f += mass * coupling[r, 6] * centre_pole(v, tube_in[i + n], gap_in[r])
-    else:
-        f += mass * coupling[r, 6] * centre_pole(v, tube_in[i - n], gap_in[r - 1])
-    force_out[i] = f
+        f += swell * unit(v - centroid) + upright(weight[5], v - centroid, tangent)
+        f = even + own * f + elastic.line_force(tube_in, w01, w02, i, n, s, ns, hs)
+        if s > 0:
+            f += tension_in[r - 1] / hs * unit(tube_in[i - n] - v)
+        if s < ns - 1:
+            f += tension_in[r] / hs * unit(tube_in[i + n] - v)
+        if before != 0.0:
+            f += before * centre_pole(v, tube_in[i - n], gap_in[r - 1])
+        if after != 0.0:
+            f += after * centre_pole(v, tube_in[i + n], gap_in[r])
+        if twisted:
+            f += elastic.twist_force(tube_in, w11, start, x, n, s, ns, hx, hs)
+        force_out[i] = f
+        v = ahead
+        ahead = beyond
+        pull = pull_ahead
+        moment0 = moment1
+        moment1 = moment2
 
 
 @wp.kernel(enable_backward=False)
@@ -249,7 +316,7 @@ def spine_force(
     ring_far: wp.array2d[float],
     w1: wp.array[float],
     w2: wp.array[float],
-    coupling: wp.array2d[float],
+    coupling: wp.array[Coupling],
     depth_rest: wp.array[float],
     eyes: wp.array[projection.Eye],
     # state in
@@ -263,6 +330,7 @@ def spine_force(
 ):
     """Sets the force on each spine node: (4) with natural curvature and lengths, f_a of (7), upright rings."""
     r = wp.tid()
+    weight = coupling[r]
     ns = tube_ns[ring_tube[r]]
     h = 1.0 / float(ns - 1)
     f = elastic.line_force(spine_in, w1, w2, r, 1, ring_s[r], ns, h)
@@ -270,7 +338,7 @@ def spine_force(
     f += tension_in[r]
     if ring_s[r] > 0:
         f -= tension_in[r - 1]
-    f += upright_spine(coupling[r, 5], ring_far, tilt_in, look_first, look_last, r, ring_s[r], ns)
+    f += upright_spine(weight[5], ring_far, tilt_in, look_first, look_last, r, ring_s[r], ns)
     mass = end_mass(ring_s[r], ns)
-    f += mass * hold_depth(coupling[r, 7], depth_rest[r], eyes[0], spine_in[r])
-    force_out[r] = f + mass * attract(coupling[r, 0], centroid_in[r], spine_in[r])
+    f += mass * hold_depth(weight[7], depth_rest[r], eyes[0], spine_in[r])
+    force_out[r] = f + mass * attract(weight[0], centroid_in[r], spine_in[r])

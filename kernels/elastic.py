@@ -40,20 +40,19 @@ def line_force(
 
     `tension[k]` belongs to the edge from k to its successor, `rigidity[k]` to node k.
     """
-    f = wp.vec3(0.0)
-    p = v[at]
     t1 = 1.0 / (h * h)
     t2 = t1 * t1
-    if i > 0:
-        f += tension[at - stride] * t1 * (v[at - stride] - p)
-    if i < n - 1:
-        f += tension[at] * t1 * (v[at + stride] - p)
-    if i > 1:
-        f -= rigidity[at - stride] * t2 * bend(v[at - 2 * stride], v[at - stride], p)
-    if i > 0 and i < n - 1:
-        f += 2.0 * rigidity[at] * t2 * bend(v[at - stride], p, v[at + stride])
-    if i < n - 2:
-        f -= rigidity[at + stride] * t2 * bend(p, v[at + stride], v[at + 2 * stride])
+    # beyond an end stands the end's own node, so that edges there have no tension
+    j1 = at - stride * wp.min(i, 1)
+    j2 = at - stride * wp.min(i, 2)
+    k1 = at + stride * wp.min(n - 1 - i, 1)
+    k2 = at + stride * wp.min(n - 1 - i, 2)
+    here = wp.where(i > 0 and i < n - 1, t2, 0.0)
+    p = v[at]
+    f = t1 * (tension[j1] * (v[j1] - p) + tension[at] * (v[k1] - p))
+    f -= wp.where(i > 1, t2, 0.0) * rigidity[j1] * bend(v[j2], v[j1], p)
+    f += 2.0 * here * rigidity[at] * bend(v[j1], p, v[k1])
+    f -= wp.where(i < n - 2, t2, 0.0) * rigidity[k1] * bend(p, v[k1], v[k2])
     return f
 
 

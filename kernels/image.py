@@ -15,11 +15,25 @@ class Field:
     step: float  # image pixels a sample
     gain: float  # of the force at this field
     sigma: float  # it was smoothed by, image pixels
+    first: wp.vec2  # first and last pixel of the image, beyond which nothing is known
+    last: wp.vec2
+
+
+@wp.func
+def outside(field: Field, p: wp.vec2):
+    """Whether the image point `p` lies on no pixel of the image."""
+    lo = p - field.first
+    hi = field.last - p
+    if wp.min(wp.min(lo[0], lo[1]), wp.min(hi[0], hi[1])) < -0.5:
+        return 1
+    return 0
 
 
 @wp.func
 def sample(samples: wp.array[wp.vec4], field: Field, p: wp.vec2):
-    """Bilinear look-up (section 5) at image point `p`; the border's value beyond it."""
+    """Bilinear look-up (section 5) at image point `p`: the nearest sample's value beyond the samples, 0 beyond the image."""
+    if outside(field, p) != 0:
+        return wp.vec4(0.0)
     x = wp.clamp((p[0] - field.x0) / field.step, 0.0, float(field.width) - 1.001)
     y = wp.clamp((p[1] - field.y0) / field.step, 0.0, float(field.height) - 1.001)
     i = int(x)
@@ -30,6 +44,25 @@ def sample(samples: wp.array[wp.vec4], field: Field, p: wp.vec2):
     top = (1.0 - u) * samples[at] + u * samples[at + 1]
     low = (1.0 - u) * samples[at + field.width] + u * samples[at + field.width + 1]
     return (1.0 - v) * top + v * low
+
+
+@wp.func
+def seen(field: Field, p: wp.vec2, q: wp.vec2):
+    """From where to where the straight line from p to q lies in the image, in shares of it; (1, 0) where it does not."""
+    low = float(0.0)
+    high = float(1.0)
+    for i in range(2):
+        e = q[i] - p[i]
+        if e == 0.0:
+            if p[i] < field.first[i] or p[i] > field.last[i]:
+                high = 0.0
+                low = 1.0
+        else:
+            a = (field.first[i] - p[i]) / e
+            b = (field.last[i] - p[i]) / e
+            low = wp.max(low, wp.min(a, b))
+            high = wp.min(high, wp.max(a, b))
+    return wp.vec2(low, high)
 
 
 @wp.func

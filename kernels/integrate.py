@@ -174,9 +174,9 @@ def gather_momentum(
 @wp.kernel(enable_backward=False)
 def advance(
     # model
-    node_ring: wp.array[int],
     ring_tube: wp.array[int],
     ring_node: wp.array[int],
+    tube_nx: wp.array[int],
     node_wave: wp.array[wp.vec2],
     # state in
     delta_in: wp.array[wp.vec3],
@@ -191,20 +191,21 @@ def advance(
     spine_velocity_out: wp.array[wp.vec3],
 ):
     """Adds the step and the tube's momentum times the one before to tube and spine."""
-    i = wp.tid()
-    r = node_ring[i]
-    x = i - ring_node[r]
-    wave = node_wave[i]
+    r = wp.tid()
+    k = ring_tube[r]
+    start = ring_node[r]
+    momentum = momentum_in[k]
     mean = low_in[r]
-    d = delta_in[i] + mean + wave[0] * low_in[rings + r] + wave[1] * low_in[2 * rings + r]
-    momentum = momentum_in[ring_tube[r]]
-    d += momentum * velocity_out[i]
-    velocity_out[i] = d
-    tube_out[i] = tube_out[i] + d
-    if x == 0:
-        e = low_in[3 * rings + r] + momentum * spine_velocity_out[r]
-        spine_velocity_out[r] = e
-        spine_out[r] = spine_out[r] + e
+    cosine = low_in[rings + r]
+    sine = low_in[2 * rings + r]
+    for i in range(start, start + tube_nx[k]):
+        wave = node_wave[i]
+        d = delta_in[i] + mean + wave[0] * cosine + wave[1] * sine + momentum * velocity_out[i]
+        velocity_out[i] = d
+        tube_out[i] = tube_out[i] + d
+    e = low_in[3 * rings + r] + momentum * spine_velocity_out[r]
+    spine_velocity_out[r] = e
+    spine_out[r] = spine_out[r] + e
 
 
 @wp.kernel(enable_backward=False)

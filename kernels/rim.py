@@ -21,7 +21,7 @@ def rim_force(
     ring_first: wp.array[int],
     ring_last: wp.array[int],
     eyes: wp.array[projection.Eye],
-    fields: wp.array2d[image.Field],
+    fields: wp.array[image.Field],
     samples: wp.array[wp.vec4],
     # state in
     tube_in: wp.array[wp.vec3],
@@ -58,7 +58,7 @@ def rim_force(
     n = tube_nx[k]
     start = ring_node[r]
     eye = eyes[view]
-    field = fields[k, view]
+    field = fields[k]
     middle = projection.project(eye, centroid_in[r])
     # the body's way, not that of the rim itself, which must not lead itself aside
     ahead = projection.project(eye, centroid_in[inner]) - projection.project(eye, centroid_in[2 * inner - r])

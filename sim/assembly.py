@@ -23,6 +23,8 @@ from .spring import Held, Springs
 
 LINE_LOAD = 0.04
 """Stiffness of the contour: force a displacement for each unit of contour length and of s."""
+HOLD = 1e-5
+"""Stiffness of the springs that keep rings where they were dealt: enough that they come to rest, no more."""
 
 
 def maps_of(views: list[View], tubes: list[Tube]) -> list[Foreground]:
@@ -147,17 +149,39 @@ class Assembly(Fabric):
             far[rings] = fading(tubes[self.model.nodes_of(k)].reshape(ns, nx, 3).transpose(1, 0, 2), spines[rings])
         self.model.ring_far.assign((far[:, None] ** np.arange(self.model.ring_far.shape[1])).astype(np.float32))
 
+    def hold_rings(self) -> None:
+        """Lets rings keep the shares of the meridians' length that they have now."""
+        hold = np.zeros(self.model.rings)
+        tubes = self.state.tube.numpy()
+        for k, (nx, ns) in enumerate(self.model.grids):
+            edges = np.diff(tubes[self.model.nodes_of(k)].reshape(ns, nx, 3), axis=0)
+            share = np.linalg.norm(edges, axis=2).mean(axis=1)
+            share /= share.sum()
+            hold[self.model.rings_of(k)][:-1] = HOLD / np.maximum(share, 1e-3)
+        self.model.ring_hold.assign(hold.astype(np.float32))
+
     def moved(self, before: np.ndarray) -> float:
-        """Longest way since tube nodes were at `before`: of nodes across the surface, of closed ends in any direction."""
-        way = self.state.tube.numpy() - before
+        """Longest way since tube nodes were at `before`: of nodes across the surface, of closed ends in any direction.
+
+        What lies beyond the image does not count: nothing is known of it.
+        """
+        now = self.state.tube.numpy()
+        way = np.where(self._seen(now)[:, None], now - before, 0.0)
         across = np.abs((way * self.state.normal.numpy()).sum(axis=1)).max()
         ends = self.model.host_ring_closed[self.model.node_ring.numpy()]
         return float(max(across, np.linalg.norm(way[ends], axis=1).max(initial=0.0)))
+
+    def _seen(self, nodes: np.ndarray) -> np.ndarray:
+        """Which nodes, shape (N, 3), own units, lie in the first view's image."""
+        h, w = self.views[0].image.shape[:2]
+        points = self._own_camera(self.views[0].camera).project(nodes)
+        return np.all((points >= -0.5) & (points <= [w - 0.5, h - 0.5]), axis=1)
 
     def set_potentials(self, potentials: list[Potential]) -> None:
         """Hands the potentials of one scale to the kernels, one for each tube."""
         samples = np.zeros((len(self.model.samples), 4), np.float32)
         fields = []
+        last = [float(n - 1) for n in self.views[0].image.shape[1::-1]]
         for k, p in enumerate(potentials):
             h, w = p.magnitude.shape
             start = int(self.sample_start[k])
@@ -167,6 +191,7 @@ class Assembly(Fabric):
             f = image_kernels.Field()
             f.start, f.width, f.height = start, w, h
             f.x0, f.y0, f.step, f.sigma = *p.origin, p.step, p.sigma
+            f.first, f.last = wp.vec2(0.0, 0.0), wp.vec2(*last)
             # contour length counts in lengths of the tube's own spine
             f.gain = self.settings.gain * LINE_LOAD * self.unit / self.lengths[k]
             if self.settings.force == "paper":

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warp as wp
 
-from ..kernels import contour, coupling, elastic, rim
+from ..kernels import contour, coupling, elastic, pole, rim
 from .model import Model, State
 
 
@@ -28,11 +28,18 @@ def add_forces(model: Model, state: State, contour_kind: str, literal: bool, tau
         device=m.device,
     )
     wp.launch(
+        coupling.ring_tension,
+        m.rings,
+        inputs=[m.ring_s, m.ring_first, m.ring_last, m.ring_hold, s.gap],
+        outputs=[s.held],
+        device=m.device,
+    )
+    wp.launch(
         coupling.tube_force,
-        m.nodes,
+        m.rings,
         inputs=[
-            m.node_ring, *ring, m.ring_closed, m.w10, m.w20, m.w11, m.w01, m.w02, m.coupling, m.depth_rest, m.eyes,
-            s.tube, s.spine, s.centroid, s.radius, s.gap, s.tangent,
+            *ring, m.ring_closed, m.w10, m.w20, m.w11, m.w01, m.w02, m.coupling, m.depth_rest, m.eyes,
+            s.tube, s.spine, s.centroid, s.radius, s.gap, s.tangent, s.held,
         ],
         outputs=[s.force],
         device=m.device,
@@ -85,17 +92,18 @@ def add_forces(model: Model, state: State, contour_kind: str, literal: bool, tau
     for view in range(m.views):
         wp.launch(
             contour.normals,
-            m.nodes,
-            inputs=[m.node_ring, *ring[:-1], m.ring_first, m.ring_last, m.ring_closed, m.eyes, s.tube, s.centroid, view],
+            m.rings,
+            inputs=[*ring[:-1], m.ring_first, m.ring_last, m.ring_closed, m.eyes, s.tube, view],
             outputs=[s.normal, s.facing],
             device=m.device,
         )
-        pictures = [m.eyes, m.fields, m.samples, s.tube, s.normal, s.facing, view, int(literal)]
+        potentials = [m.eyes, m.fields[:, view], m.samples]
+        pictures = [*potentials, s.tube, s.normal, s.facing, view, int(literal)]
         wp.launch(
-            contour.pole_force,
+            pole.pole_force,
             2 * m.tubes,
             inputs=[
-                m.tube_node, m.tube_ring, m.tube_nx, m.tube_ns, m.ring_closed, m.eyes, m.fields, m.samples,
+                m.tube_node, m.tube_ring, m.tube_nx, m.tube_ns, m.ring_closed, *potentials,
                 s.tube, s.spine, s.facing, view,
             ],
             outputs=[s.force],
@@ -106,8 +114,7 @@ def add_forces(model: Model, state: State, contour_kind: str, literal: bool, tau
                 rim.rim_force,
                 m.rings,
                 inputs=[
-                    *ring, m.ring_first, m.ring_last, m.eyes, m.fields, m.samples, s.tube, s.centroid, s.radius,
-                    view, int(literal),
+                    *ring, m.ring_first, m.ring_last, *potentials, s.tube, s.centroid, s.radius, view, int(literal),
                 ],
                 outputs=[s.force],
                 device=m.device,

@@ -35,6 +35,8 @@ UNEVEN, SLACK, SHORT = 1.5, 0.04, 0.2
 """Farthest that the object reaches to a side, times its width on the narrow one, plus lengths of the axis; past the ends."""
 MIDDLE, SMOOTH = 5, 1.0
 """Rounds in which the axis goes to the object's middle; smoothing along it, in half widths."""
+PAST = 1.5
+"""How far past the image's border the axis is carried on, in half widths: there is room for the tube's end."""
 ROUND = 0.4
 """Smoothing of the map when it is done [samples]."""
 CLEAR = 1.0
@@ -64,14 +66,14 @@ class Foreground:
     half_width: float
     """median inside distance along the axis [image px]."""
     axis: np.ndarray
-    """the smooth axis, carried on straight to the object's ends, shape (n, 2), image points."""
+    """the smooth axis, carried on straight to the object's ends or past the image's border, shape (n, 2), image points."""
     guess: np.ndarray | None = None
     """1 where neither side of the object is seen, so that there is no better word than the map's, shape (h, w); else 0."""
 
-    def in_image(self, shape: tuple[int, int]) -> np.ndarray:
-        """The map at the pixels of an image of `shape`; 0 where it was not looked at."""
-        rows = (np.arange(shape[0]) - self.origin[1]) / self.step
-        cols = (np.arange(shape[1]) - self.origin[0]) / self.step
+    def in_image(self, shape: tuple[int, int], origin: tuple[float, float] = (0.0, 0.0), step: float = 1.0) -> np.ndarray:
+        """The map at samples from an image point on, a step [image px] apart, by default pixels; 0 where not looked at."""
+        rows = (origin[1] + step * np.arange(shape[0]) - self.origin[1]) / self.step
+        cols = (origin[0] + step * np.arange(shape[1]) - self.origin[0]) / self.step
         return ndimage.map_coordinates(self.inside, np.meshgrid(rows, cols, indexing="ij"), order=1, mode="constant")
 
 
@@ -328,8 +330,10 @@ def _from_axis(line: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, np
     return off, index[near[0], near[1]]
 
 
-def _depth(mask: np.ndarray) -> np.ndarray:
-    """Distance to the nearest sample outside [samples]; the image's border counts as outside."""
+def _depth(mask: np.ndarray, border: bool = True) -> np.ndarray:
+    """Distance to the nearest sample outside [samples]; the image's border counts as outside, or not."""
+    if not border and not mask.all():
+        return np.asarray(ndimage.distance_transform_edt(mask))
     return np.asarray(ndimage.distance_transform_edt(np.pad(mask, 1)))[1:-1, 1:-1]
 
 
@@ -339,7 +343,7 @@ def _reach(mine: np.ndarray, line: np.ndarray, slack: float) -> np.ndarray:
     A roundish object is about as wide on one side of its axis as on the other, so what has leaked out on one side
     is cut off by the width of the other. Beyond its ends the axis may have been drawn short.
     """
-    depth, length = _depth(mine), length_of(line)
+    depth, length = _depth(mine, border=False), length_of(line)
     width = ndimage.map_coordinates(depth, line.T[::-1], order=1, mode="nearest")
     width = ndimage.maximum_filter1d(width, len(line) // 8, mode="nearest")
     reach = UNEVEN * width + slack
@@ -356,8 +360,9 @@ def _half_width(inside: np.ndarray, line: np.ndarray, step: float, lo: np.ndarra
     mask, length = _at_axis(inside, line), length_of(line)
     if mask.any():
         line = _middle(mask, line)
-    along = ndimage.map_coordinates(_depth(mask), line.T[::-1], order=1, mode="nearest")
-    return max(float(np.median(along)), 2.0) * step, carried_on(mask, line, length) * step + lo
+    along = ndimage.map_coordinates(_depth(mask, border=False), line.T[::-1], order=1, mode="nearest")
+    half = max(float(np.median(along)), 2.0)
+    return half * step, carried_on(mask, line, length, half) * step + lo
 
 
 def _middle(mask: np.ndarray, line: np.ndarray) -> np.ndarray:
@@ -373,8 +378,11 @@ def _middle(mask: np.ndarray, line: np.ndarray) -> np.ndarray:
     return line
 
 
-def carried_on(mask: np.ndarray, line: np.ndarray, length: float) -> np.ndarray:
-    """The axis [samples] with both ends carried on straight while they stay on the object, by half of `length` at most."""
+def carried_on(mask: np.ndarray, line: np.ndarray, length: float, half_width: float) -> np.ndarray:
+    """The axis [samples] with both ends carried on straight while they stay on the object, by half of `length` at most.
+
+    Where it leaves the image on the object, it goes on by `PAST` half widths [samples].
+    """
     pieces = [line]
     quarter = len(line) // 4
     for end, inner in ((0, quarter), (-1, -1 - quarter)):
@@ -382,5 +390,7 @@ def carried_on(mask: np.ndarray, line: np.ndarray, length: float) -> np.ndarray:
         run = line[end] + np.arange(1, len(line) // 2)[:, None] * (e / np.linalg.norm(e)) * (length / len(line))
         on = ndimage.map_coordinates(mask.astype(float), run.T[::-1], order=1, mode="constant") > 0.5
         steps = len(on) if on.all() else int(np.argmin(on))
+        if steps < len(on) and ((run[steps] < 0) | (run[steps] > np.array(mask.shape[::-1]) - 1)).any():
+            steps += int(PAST * half_width * len(line) / length)
         pieces = [run[:steps][::-1], *pieces] if end == 0 else [*pieces, run[:steps]]
     return np.concatenate(pieces)

@@ -62,6 +62,7 @@ class Model:
         shaped, torn: whether any tube has natural lengths or curvatures, and whether any has a gap.
         ring_far: importance for a ring's tangent of the j-th segment of the spine either way, shape (R, WINDOW).
         k1: tension factor K1 of the spine's edges, shape (R,).
+        ring_hold: stiffness that keeps a ring's share of the way to the next, 0 for none, shape (R,).
         mu, gamma: mass density and viscosity of the medium (1) of tube nodes, shape (N,).
         spine_mu, spine_gamma: the same of spine nodes, shape (R,).
         image_load: stiffness of the image's force, by unit of the contour's length and of s, shape (K,), on the host.
@@ -110,7 +111,7 @@ class Model:
             wp.zeros(self.nodes, dtype=float, device=device) for _ in range(5)
         )
         self.w1, self.w2 = (wp.zeros(self.rings, dtype=float, device=device) for _ in range(2))
-        self.coupling = wp.zeros((self.rings, 8), dtype=float, device=device)
+        self.coupling = wp.zeros(self.rings, dtype=coupling.Coupling, device=device)
         basis = np.concatenate([bend_basis(ns) for _, ns in grids]).astype(np.float32)
         self.bend_basis = wp.array(basis, dtype=float, device=device)
         nearest = np.tile(np.eye(1, int(coupling.WINDOW), dtype=np.float32), (self.rings, 1))
@@ -125,7 +126,7 @@ class Model:
         self.ring_first, self.spine_first, self.look_first = (ints(np.zeros(self.rings)) for _ in range(3))
         self.ring_last, self.spine_last, self.look_last = (ints(ns_of - 1) for _ in range(3))
         self.shaped, self.torn = False, False
-        self.k1 = wp.zeros(self.rings, dtype=float, device=device)
+        self.k1, self.ring_hold = (wp.zeros(self.rings, dtype=float, device=device) for _ in range(2))
         self.mu, self.spine_mu = (wp.zeros(n, dtype=float, device=device) for n in (self.nodes, self.rings))
         self.gamma, self.spine_gamma = (wp.ones(n, dtype=float, device=device) for n in (self.nodes, self.rings))
         self.image_load = np.zeros(self.tubes)
@@ -191,7 +192,7 @@ class State:
         self.normal, self.facing = vectors(model.nodes), scalars(model.nodes)
         self.natural_bend, self.tension = vectors(model.rings), vectors(model.rings)
         self.centroid, self.tangent, self.tilt = (vectors(model.rings) for _ in range(3))
-        self.radius, self.gap = scalars(model.rings), scalars(model.rings)
+        self.radius, self.gap, self.held = (scalars(model.rings) for _ in range(3))
         self.delta, self.low = vectors(model.nodes), vectors(4 * model.rings)
         self.residual, self.power = scalars(model.rings), scalars(model.rings)
         self.age, self.momentum = scalars(model.tubes), scalars(model.tubes)

@@ -98,12 +98,15 @@ def completed(map_: Foreground, given: np.ndarray, hides: np.ndarray) -> Foregro
     tangent = np.gradient(line, axis=0)
     across = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1) / (np.linalg.norm(tangent, axis=1, keepdims=True) + 1e-12)
     sides = np.logical_and(*(_covered(hides, line + way * wide[:, None] * across) for way in (-1, 1)))
+    for end in (0, -1):  # a hidden end, whose cap has no word but the map's
+        sides |= ~seen[end] & (np.linalg.norm(line - line[end], axis=1) < wide[end])
     guess = np.zeros(inside.shape, np.float32)
     guess[hidden] = sides[gap.argmin(axis=1)]
     ahead = np.concatenate([[True], np.any(np.diff(line, axis=0) != 0, axis=1)]) & (wide > 0)
     line = axis_curve(line[ahead]) if ahead.sum() > 3 else given
-    axis = carried_on(inside > 0.5, (line - map_.origin) / map_.step, map_.length / map_.step) * map_.step + map_.origin
     half_width = max(float(np.median(wide)), 2 * map_.step)
+    flat, length, half = (line - map_.origin) / map_.step, map_.length / map_.step, half_width / map_.step
+    axis = carried_on(inside > 0.5, flat, length, half) * map_.step + map_.origin
     return dataclasses.replace(map_, inside=inside, guess=guess, half_width=half_width, axis=axis)
 
 

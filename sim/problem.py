@@ -34,6 +34,8 @@ class Tube:
     """of the initial tube [world units]; None: from the image."""
     depth: float = 0.0
     """of a spine given in the image, along the first view's axis [world units]; larger is further away."""
+    find_depth: bool = False
+    """find the depth order from the image instead (`sim.order`); only where the first view is affine."""
     grid: tuple[int, int] = (25, 25)
     """nodes around, nodes along."""
     material: Material = field(default_factory=Material)

@@ -11,9 +11,10 @@ from dataclasses import replace
 import numpy as np
 import warp as wp
 
-from ..kernels import contour, coupling, elastic, integrate, spring
+from ..kernels import contour, coupling, elastic, integrate, pole, spring
 from .assembly import Assembly, maps_of
 from .material import Weight
+from .order import in_order, tell
 from .problem import Settings, Tube, View
 from .relax import Relaxation, thinned
 from .result import ObjectResult, Result, finish
@@ -138,9 +139,10 @@ def reconstruct(
         seconds[name] = seconds.get(name, 0.0) + now - clock
         clock = now
 
+    tubes, found = in_order(views[0], tubes)
     maps = maps_of(views, tubes)
     lap("map")
-    for module in (elastic, coupling, contour, integrate, *[spring] * any(tube.springs for tube in tubes)):
+    for module in (elastic, coupling, contour, pole, integrate, *[spring] * any(tube.springs for tube in tubes)):
         wp.load_module(module, device=device)
     shares = [[k] for k in range(len(tubes))] if device == "cpu" else [list(range(len(tubes)))]
     threads = min(threads or os.cpu_count() or 1, len(shares))
@@ -155,7 +157,9 @@ def reconstruct(
         waited = sum(part.waited for part in parts) / threads
         lap("solve")
         seconds["potential"], seconds["solve"] = waited, seconds["solve"] - waited
-        objects = [o for found in pool.map(_finished, parts) for o in found]
+        objects = [o for finished in pool.map(_finished, parts) for o in finished]
+    for o, depth in zip(objects, found, strict=True):
+        tell(o, depth)
     lap("measure")
     h, w = views[0].image.shape[:2]
     foreground = maps[0].in_image((h, w)) if settings.potential == "map" else None
@@ -179,8 +183,8 @@ class Look:
         self.last = iteration
         self.wakes += done
         for part, changed in zip(self.parts, self.visibility.refresh([p.scene for p in self.parts]), strict=True):
-            if changed and not part.diverged:
-                part.see_again()
+            if not part.diverged and any(hidden is not None for views in part.scene.hidden for hidden in views) | changed:
+                part.see_again(changed)
 
 
 def _run(

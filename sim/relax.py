@@ -97,12 +97,14 @@ class Relaxation:
             with HOST:
                 self._after()
 
-    def see_again(self) -> None:
-        """Takes in what hides the tubes by now; at rest already, goes on at the finest scale."""
+    def see_again(self, changed: bool) -> None:
+        """Takes in what hides the tubes; at rest, they go on at the finest scale if that has `changed` much."""
         if not self._under_way and not self.done:
             return  # the next scale will
         with HOST:
             self.scene.set_potentials(self.potentials)
+        if not changed:
+            return
         if self.done and not self.diverged and self.iteration < self._end:
             self.done, self.converged, self._under_way = False, False, True
         self._begun, self._moved, self._trail = self.iteration, float("inf"), [self.scene.positions()]
@@ -172,6 +174,8 @@ class Relaxation:
             if self.stage > 0:
                 scene.deal()
             scene.hold_tangents()
+            if self.last:
+                scene.hold_rings()
             scene.hold_depth()
             self.loop.set_material(max(LEAST_SHARE, (self.sigma / self._sigmas[0][0]) ** 2))
             self.loop.hold_springs(self.iteration)

@@ -9,7 +9,7 @@ import numpy as np
 
 from .assembly import Assembly
 from .fields import Cut
-from .measure import contour_support, map_agreement, shape_measures, support_measures
+from .measure import Support, contour_support, map_agreement, shape_measures, support_measures
 from .potential import Potential, PotentialPicture
 from .problem import Settings
 from .surface import occluding_contour, refine
@@ -18,10 +18,12 @@ LEAST_SUPPORT = 0.6
 """Share of the contour that image data must support."""
 LEAST_AGREEMENT, LEAST_CERTAINTY = 0.98, 0.85
 """Of the tube with the foreground map, and of the map itself; see `map_agreement`."""
+MOST_OUTSIDE, MOST_CUT = 0.02, 0.5
+"""Share of the contour that may lie beyond the image; and where it is an end that does."""
+PARTIAL = "the object leaves the image: what lies beyond the border is a guess, and with it length, volume and area"
+"""Said of such an object, which may be trusted as far as it is seen."""
 MOST_HIDDEN = 0.5
 """Share of the contour that other objects may hide."""
-MOST_OUTSIDE = 0.02
-"""Share of the contour that may lie beyond the image."""
 UNREST = 0.015
 """How far nodes may still move (root mean square) in the last tenth of a run that did not converge, in greatest radii."""
 FOLDED = 0.25
@@ -100,17 +102,22 @@ def finish(
     space = scene.spaces[k]
     inside = space.inside if scene.settings.potential == "map" else np.zeros((0, 0))
     support = [contour_support(p, n, potential, inside, scene.maps[k].half_width) for p, n in pieces]
+    size = scene.views[0].image.shape[:2]
+    seen = [_in_image(p, size) for p, _ in pieces]
     hider = scene.hidden[k][0]
     hidden = [np.zeros(len(p), bool) if hider is None else hider.near(p, potential.sigma) for p, _ in pieces]
-    measures |= support_measures(support, hidden)
+    within = [Support(s.supported[on], s.offset[on]) for s, on in zip(support, seen, strict=True)]
+    measures |= support_measures(within, [h[on] for h, on in zip(hidden, seen, strict=True)])
     if scene.settings.potential == "map":
         agreement = map_agreement(nodes, scene.views[0].camera, scene.maps[k], cuts, hider)
         measures["map_agreement"], measures["map_certainty"] = agreement
-    points = np.concatenate([p for p, _ in pieces] or [np.zeros((0, 2))])
+    outside = 1 - float(np.concatenate(seen or [np.zeros(0, bool)]).mean()) if sum(map(len, seen)) else 1.0
+    ends = _in_image(scene.views[0].camera.project(spine[[0, -1]]), size)
+    measures["partial"] = MOST_OUTSIDE < outside < MOST_CUT and not ends.all()
     before = history[-1 - max(1, len(history) // 10)][0]
     moved = float(np.sqrt(((nodes - before) ** 2).sum(axis=2).mean()))
     unrest = not converged and moved > UNREST * max(measures["radius"])
-    warnings = _doubts(measures, points, scene.views[0].image.shape[:2], iterations, unrest, diverged)
+    doubts = _doubts(measures, outside, iterations, unrest, diverged)
     return ObjectResult(
         name=scene.tubes[k].name,
         tube=nodes[None],
@@ -126,15 +133,20 @@ def finish(
         cuts=cuts,
         iterations=iterations,
         converged=converged,
-        trusted=not warnings,
-        warnings=warnings,
+        trusted=not doubts,
+        warnings=[*doubts, *[PARTIAL] * measures["partial"]],
     )
+
+
+def _in_image(points: np.ndarray, size: tuple[int, ...]) -> np.ndarray:
+    """Which image points, shape (n, 2), lie on a pixel of an image of `size` (height, width)."""
+    h, w = size
+    return np.all((points >= -0.5) & (points <= [w - 0.5, h - 0.5]), axis=1)
 
 
 def _doubts(
     measures: dict[str, Any],
-    contour: np.ndarray,
-    shape: tuple[int, int],
+    outside: float,
     iterations: int,
     unrest: bool,
     diverged: bool,
@@ -161,9 +173,7 @@ def _doubts(
             "the object's colours and edges part it poorly from what is around it: check the foreground map, or mark with"
             " not_here or ignore what it must not take"
         )
-    h, w = shape
-    outside = (contour < -0.5).any(axis=1) | (contour > [w - 0.5, h - 0.5]).any(axis=1)
-    if len(contour) == 0 or outside.mean() > MOST_OUTSIDE:
+    if outside > MOST_OUTSIDE and not measures["partial"]:
         doubts.append("the tube has left the image: what lies beyond the border is a guess")
     station, radius = np.array(measures["station"]), np.array(measures["radius"])
     rings = np.pi * np.trapezoid(radius**2, station)

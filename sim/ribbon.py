@@ -39,7 +39,7 @@ def ribbon(x: np.ndarray, odds: np.ndarray, line: np.ndarray) -> tuple[np.ndarra
     points, normal, lead = _stations(line)
     offset = GRAIN * np.arange(-ASIDE - WIDEST, ASIDE + WIDEST + 1)
     at = (points[:, None] + offset[:, None] * normal[:, None]).transpose(2, 0, 1)[::-1]
-    said = ndimage.map_coordinates(np.clip(odds, -SAY, SAY), at, order=1, mode="constant", cval=-SAY)
+    said = ndimage.map_coordinates(np.clip(odds, -SAY, SAY), at, order=1, mode="constant")
     soft = ndimage.gaussian_filter(x, (1, 1, 0))
     across = np.stack([ndimage.map_coordinates(c, at, order=1, mode="nearest") for c in np.moveaxis(soft, -1, 0)], -1)
     edge = np.linalg.norm(np.gradient(across, axis=1), axis=-1)

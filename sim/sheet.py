@@ -263,8 +263,8 @@ class Sheets:
                 each[[0, -1]] = each[:, [0, -1]] = 0.0
                 samples[start : start + h * w] = each.reshape(-1, 4)
                 f.start, f.width, f.height = start, w, h
-                f.x0, f.y0, f.step = *p.origin, p.step
-                f.gain = self.settings.gain
+                f.x0, f.y0, f.step, f.gain = *p.origin, p.step, self.settings.gain
+                f.first, f.last = wp.vec2(-1e6), wp.vec2(1e6)
                 if self.settings.force == "paper":
                     f.gain *= self.pixel(k) ** 2
             fields.append(f)

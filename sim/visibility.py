@@ -21,7 +21,7 @@ FAR = 1.2
 SPAN = 256.0
 """Depths among which rays are cast, whatever the view's own [px]."""
 CHANGED = 0.01
-"""Share of an object's hidden pixels by which they must change to count as changed."""
+"""Share of an object's hidden pixels by which they must change to count as much."""
 
 Pass = Callable[[Sequence[tuple[np.ndarray, np.ndarray]], tuple[int, int]], tuple[np.ndarray, np.ndarray]]
 """A depth pass: meshes as seen, (column, row, depth) (V, 3) with faces (F, 3) each, and the picture's (height, width); to
@@ -121,7 +121,7 @@ class Visibility:
         self.depth_pass = depth_pass or cast_rays
 
     def refresh(self, scenes: Sequence[Assembly]) -> list[bool]:
-        """Writes `Assembly.hidden` of every tube in every view; whether any of it changed, for each assembly."""
+        """Writes `Assembly.hidden` of every tube in every view; whether any of it changed much, for each assembly."""
         where = [(number, k) for number, scene in enumerate(scenes) for k in range(len(scene.tubes))]
         changed = [False] * len(scenes)
         worlds = [scenes[number].world(k)[0] for number, k in where]
@@ -129,9 +129,8 @@ class Visibility:
             found = self._view(view.camera, view.image.shape[:2], worlds)
             for (number, k), hidden in zip(where, found, strict=True):
                 own = scenes[number].hidden[k]
-                # little by little it must come to count: what was told last is kept until then
-                if _differ(own[v], hidden):
-                    own[v], changed[number] = hidden, True
+                changed[number] |= _differ(own[v], hidden)
+                own[v] = hidden
         return changed
 
     def _view(self, camera: Camera, shape: tuple[int, ...], tubes: list[np.ndarray]) -> list[Hidden | None]:
@@ -184,7 +183,7 @@ def _behind(
 
 
 def _with_own(found: Hidden | None, tube: np.ndarray, shape: tuple[int, ...]) -> Hidden | None:
-    """Adds where a tube as seen, shape (N_x, N_s, 3), lies before itself, within a picture of (height, width)."""
+    """Adds where a tube as seen, shape (N_x, N_s, 3), lies before itself in an image of that shape."""
     centre = tube[..., :2].mean(axis=0)
     radius = np.linalg.norm(tube[..., :2] - centre, axis=2).max(axis=0)
     arc = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(centre, axis=0), axis=1))])
@@ -193,14 +192,12 @@ def _with_own(found: Hidden | None, tube: np.ndarray, shape: tuple[int, ...]) ->
     pairs = np.argwhere(near & (arc[None] - arc[:, None] > 2 * FAR * sums))
     if not len(pairs):
         return found
-    low = np.floor((centre - radius[:, None])[pairs.ravel()].min(axis=0)).astype(int)
-    high = np.ceil((centre + radius[:, None])[pairs.ravel()].max(axis=0)).astype(int)
+    last = np.array(shape[1::-1]) - 1
+    low = np.clip(np.floor((centre - radius[:, None])[pairs.ravel()].min(axis=0)), 0, last).astype(int)
+    high = np.clip(np.ceil((centre + radius[:, None])[pairs.ravel()].max(axis=0)), 0, last).astype(int)
     if found is not None:
         low = np.minimum(low, found.corner)
         high = np.maximum(high, np.add(found.corner, found.mask.shape[::-1]) - 1)
-    low, high = np.maximum(low, 0), np.minimum(high, np.array(shape[1::-1]) - 1)  # a pulled tube may reach far beyond
-    if np.any(high < low):
-        return found
     columns, rows = np.meshgrid(np.arange(low[0], high[0] + 1), np.arange(low[1], high[1] + 1))
     within = {i: np.hypot(columns - centre[i, 0], rows - centre[i, 1]) < radius[i] for i in np.unique(pairs)}
     mask = np.zeros(columns.shape, bool)
@@ -212,15 +209,16 @@ def _with_own(found: Hidden | None, tube: np.ndarray, shape: tuple[int, ...]) ->
 
 
 def _differ(a: Hidden | None, b: Hidden | None) -> bool:
+    """Whether two looks differ where both looked; how far they look goes with the tube."""
     if a is None or b is None:
         return a is not b
-    if a.corner == b.corner and a.mask.shape == b.mask.shape:
-        apart = np.logical_xor(a.mask, b.mask).sum()
-    else:
-        low, high = np.minimum(a.corner, b.corner), np.maximum(*(np.add(h.corner, h.mask.shape[::-1]) for h in (a, b)))
-        at = np.stack(np.meshgrid(np.arange(low[0], high[0]), np.arange(low[1], high[1])), axis=-1)
-        apart = np.logical_xor(a.at(at), b.at(at)).sum()
-    return bool(apart > CHANGED * max(a.mask.sum(), b.mask.sum()))
+    low, high = np.maximum(a.corner, b.corner), np.minimum(*(np.add(h.corner, h.mask.shape[::-1]) for h in (a, b)))
+    one, two = (
+        h.mask[tuple(slice(max(lo - c, 0), max(hi - c, 0)) for lo, hi, c in zip(low, high, h.corner, strict=True))[::-1]]
+        for h in (a, b)
+    )
+    far = one.size < 0.5 * min(a.mask.size, b.mask.size)
+    return bool(far or np.logical_xor(one, two).sum() > CHANGED * max(one.sum(), two.sum()))
 
 
 def _grid_faces(around: int, along: int) -> np.ndarray:

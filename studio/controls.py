@@ -250,10 +250,10 @@ class Controls:
 
 
 def _label(item: Item, items: Sequence[Item]) -> str:
-    depths = sorted(i.table.get("depth", 0.0) for i in items if i.is_tube)
+    depths = sorted(i.depth for i in items if i.is_tube)
     if not item.is_tube:
         return f"{item.name} ({item.table['kind']})"
-    place = depths.index(item.table.get("depth", 0.0)) + 1
+    place = depths.index(item.depth) + 1
     return f"{item.name} [{place}]" if len(set(depths)) > 1 else item.name
 
 

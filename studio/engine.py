@@ -14,10 +14,11 @@ import numpy as np
 import warp as wp
 
 from symseek.device import prepare
-from symseek.kernels import contour, coupling, elastic, integrate, spring
+from symseek.kernels import contour, coupling, elastic, integrate, pole, spring
 from symseek.pipeline import DepthPasses
 from symseek.sim.assembly import maps_of
 from symseek.sim.foreground import Foreground
+from symseek.sim.order import in_order
 from symseek.sim.problem import Settings, View
 from symseek.sim.reconstruct import REFRESH, Look
 from symseek.sim.spring import Spring
@@ -57,6 +58,7 @@ class Engine:
         self._published, self._measured = 0.0, 0.0
         self._look: Look | None = None
         self._maps: dict[int, Foreground] = {}
+        self._depths: dict[int, float] = {}
         self._mapped: list[str] = []
         self._workers = max(1, (os.cpu_count() or 2) - 1)
         self._thread = threading.Thread(target=self._live, name="symseek-engine", daemon=True)
@@ -140,7 +142,7 @@ class Engine:
 
     def _live(self) -> None:
         prepare(self.device)
-        for module in (elastic, coupling, contour, integrate, spring):
+        for module in (elastic, coupling, contour, pole, integrate, spring):
             wp.load_module(module, device=self.device)
         with (
             ThreadPoolExecutor(os.cpu_count()) as self._ahead,
@@ -232,8 +234,10 @@ class Engine:
         self._remove([uid for uid in self._parts if uid not in wishes])
         mapped = [wish.structure for wish in wishes.values()]
         if mapped != self._mapped:  # each is made with the others in mind
-            found = maps_of([view], [wish.tube for wish in wishes.values()]) if wishes else []
+            tubes, _ = in_order(view, [wish.tube for wish in wishes.values()])
+            found = maps_of([view], tubes) if wishes else []
             self._maps, self._mapped = dict(zip(wishes, found, strict=True)), mapped
+            self._depths = {uid: tube.depth for uid, tube in zip(wishes, tubes, strict=True)}
         for uid, wish in wishes.items():
             part = self._parts.get(uid)
             if part is None or part.wish.structure != wish.structure or not _same(part.map, self._maps[uid]):
@@ -256,6 +260,7 @@ class Engine:
         if old is not None:
             self._go[uid] = old.go
             old.run.stop()
+        wish = replace(wish, tube=replace(wish.tube, depth=self._depths[uid], find_depth=False))
         part = self._parts[uid] = Part(wish, self._view, self._maps[uid], self._settings, self.device, self._ahead)
         part.go = self._go.get(uid, False)
         return part

@@ -48,6 +48,12 @@ class Item:
         return self.table.get("kind", "tube") == "tube"
 
     @property
+    def depth(self) -> float:
+        """In the order of depth; 0 where it is to be found from the image."""
+        given = self.table.get("depth", 0.0)
+        return 0.0 if given == "auto" else given
+
+    @property
     def points(self) -> list[list[float]]:
         """The rough axis."""
         return list(self.table.get("spine", []))
@@ -261,8 +267,8 @@ class Session:
     def move(self, uid: int, by: int) -> None:
         """Moves an object in the order of depth, `by` places away from the viewer."""
         self.item(uid)
-        ranked = sorted((i for i in self.state.items if i.is_tube), key=lambda i: i.table.get("depth", 0.0))
-        depths = [i.table.get("depth", 0.0) for i in ranked]
+        ranked = sorted((i for i in self.state.items if i.is_tube), key=lambda i: i.depth)
+        depths = [i.depth for i in ranked]
         k = next((n for n, i in enumerate(ranked) if i.uid == uid), 0)
         to = min(max(k + by, 0), len(ranked) - 1)
         if to == k:

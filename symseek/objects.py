@@ -189,6 +189,17 @@ def _grid(table: Table) -> tuple[int, int]:
     return grid[0], grid[1]
 
 
+def _find_depth(table: Table, view: View, in_image: bool) -> bool:
+    """Whether depth = "auto"."""
+    if table.take("depth", 0.0) != "auto":
+        return False
+    if not in_image:
+        table.fail("depth", 'is "auto" beside a spine in world points', "remove it: they have their depth")
+    if not view.camera.affine:
+        table.fail("depth", 'is "auto" in a perspective view', "give the object's distance along the view's axis")
+    return True
+
+
 def _depth(table: Table, view: View, needed: bool) -> float:
     depth = table.number("depth", 0.0)
     if not view.camera.affine and needed and depth <= 0:
@@ -207,8 +218,10 @@ def _tube(table: Table, view: View, scale: float, shared: dict[str, Any]) -> Tub
         radius = table.number("radius", above=0.0, most=widest)
     spine, grid = _spine(table, view), _grid(table)
     height, width = view.image.shape[:2]
+    find_depth = _find_depth(table, view, spine.shape[1] == 2)
+    depth = 0.0 if find_depth else _depth(table, view, spine.shape[1] == 2)
     return Tube(
-        spine=spine, radius=radius, depth=_depth(table, view, spine.shape[1] == 2), grid=grid,
+        spine=spine, radius=radius, depth=depth, find_depth=find_depth, grid=grid,
         material=material_of(table, grid), breaks=breaks_of(table, grid[1], (height, width)), **shared,
     )  # fmt: skip
 

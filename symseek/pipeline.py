@@ -70,7 +70,7 @@ def reconstruct(
     objects: Iterable[Mapping[str, Any]] | None = None,
     name: str = "object",
     radius: float | None = None,
-    depth: float = 0.0,
+    depth: float | str = 0.0,
     grid: tuple[int, int] = (25, 25),
     units: str = "px",
     scale: float | None = None,
@@ -92,7 +92,7 @@ def reconstruct(
             {"kind": "snake", "points": ..., "spring": [{"near": ..., "anchor": ...}]}.
         name: of the object and its files.
         radius: of the first tube [units]; None: from the image.
-        depth: of the spine [units].
+        depth: of the spine [units], or "auto": found from the image, where objects hide each other.
         grid: nodes around, nodes along.
         units: of the world, "px" or "mm" and the like.
         scale: units per pixel, needed where units are not "px".

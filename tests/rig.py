@@ -37,6 +37,7 @@ class Rig:
         m.set_cameras([camera or Camera.orthographic()])
         m.samples.assign(samples.reshape(-1, 4).astype(np.float32))
         field = image.Field()
+        field.first, field.last = wp.vec2(-1e6), wp.vec2(1e6)
         field.width, field.height, field.step, field.gain = w, h, step, 1.0
         field.x0, field.y0 = map(float, origin)
         fields = wp.array([field] * len(pairs), dtype=image.Field, device="cpu").numpy()

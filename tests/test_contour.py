@@ -189,7 +189,7 @@ def test_every_case_of_a_cell_is_drawn(strong):
     r.state.normal.assign(np.tile(np.array([0, 0, -1], np.float32), (ns * nx, 1)))
     r.state.facing.assign(facing.ravel().astype(np.float32))
     r.state.force.zero_()
-    r.launch(contour.contour_force, ns * nx, view=0, literal=1)
+    r.launch(contour.contour_force, ns * nx, view=0, literal=1, fields=r.model.fields[:, 0])
     lines = measure.find_contours(facing, 0.0, fully_connected="high" if strong > 0 else "low")
     length = sum(np.linalg.norm(np.diff(line, axis=0), axis=1).sum() for line in lines)
     total = r.state.force.numpy().astype(float).sum(0) / (nx * (ns - 1))
@@ -279,3 +279,16 @@ def test_poles_on_the_contour_are_pushed_along_the_spine():
         np.testing.assert_allclose(force[-1], np.tile(push * outward, (8, 1)), atol=ATOL)
         np.testing.assert_allclose(force[0], np.tile(-push * outward, (8, 1)), atol=ATOL)
         np.testing.assert_array_equal(force[1:-1], 0)
+
+
+def test_pole_of_a_flat_end_keeps_its_normal():
+    """It is that of the ring beside it, wherever in the ring's plane rounding puts the pole."""
+    spine = even_spine(7)
+    tube = circles(spine, 0.3, 12)
+    for end, beside in ((0, 1), (-1, -2)):
+        tube[end] = spine[beside] + np.array([0.0, 1e-7, 1e-6])
+    rig = Rig((tube, spine), closed=True)
+    rig.forces()
+    normal = rig.state.normal.numpy().reshape(7, 12, 3)
+    for end, side in ((0, -1.0), (-1, 1.0)):
+        np.testing.assert_allclose(normal[end], np.tile([0, side, 0], (12, 1)), atol=1e-5)

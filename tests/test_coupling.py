@@ -206,3 +206,26 @@ def test_depth_is_held_along_the_line_of_sight(camera):
     np.testing.assert_allclose(spine_force, -reference.gradient(energy, SPINE, 1e-5), atol=5 * ATOL)
     np.testing.assert_allclose(force.mean(axis=1), -reference.gradient(energy, CENTROID, 1e-5), atol=5 * ATOL)
     np.testing.assert_allclose(np.ptp(force, axis=1), 0, atol=ATOL)
+
+
+@pytest.mark.parametrize("gap", [None, 4])
+def test_rings_keep_their_shares_of_the_meridians(gap):
+    """Minus the gradient, per hx hs, of sum hold/2 (g - its share of all g)^2 over mean gaps g, in each piece by itself."""
+    hold = RNG.uniform(0.5, 2, NS)
+    first, last = np.zeros(NS, int), np.full(NS, NS - 1)
+    pieces = [(0, NS - 1)] if gap is None else [(0, gap), (gap + 1, NS - 1)]
+    for a, b in pieces:
+        first[a : b + 1], last[a : b + 1] = a, b
+    force, spine_force = Rig((TUBE, SPINE), ring_hold=hold, ring_first=first, ring_last=last).forces()
+
+    def energy(v):
+        total = 0.0
+        for a, b in pieces:
+            gaps = np.linalg.norm(np.diff(v[a : b + 1], axis=0), axis=2).mean(axis=1)
+            share = (1 / hold[a:b]) / (1 / hold[a:b]).sum()
+            total += (hold[a:b] / 2 * (gaps - share * gaps.sum()) ** 2).sum()
+        return total
+
+    np.testing.assert_allclose(force, -NX * (NS - 1) * reference.gradient(energy, TUBE), atol=1e-4)
+    assert np.abs(force).max() > 0.1
+    np.testing.assert_array_equal(spine_force, 0)

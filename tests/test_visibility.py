@@ -233,8 +233,8 @@ def test_nothing_is_drawn_where_nothing_meets():
     assert refresh(visibility, [upright(40, 0.0), upright(120, 3.0)]) == [False, False]
 
 
-def test_what_changes_little_by_little_comes_to_count():
-    """A back that drifts by a third of a per cent of what is hidden a look: told before it has gone far."""
+def test_what_changes_little_is_taken_in_and_not_told():
+    """A back that drifts by a third of a per cent of what is hidden a look."""
     visibility = Visibility(None)
     front, back = upright(100, 0.0), level(80, 5.0)
     refresh(visibility, [front, back])
@@ -242,11 +242,11 @@ def test_what_changes_little_by_little_comes_to_count():
     for _ in range(20):
         back.nodes = back.nodes + np.array([0, 0.1, 0])
         told.append(refresh(visibility, [front, back])[1])
-    assert any(told)
+    assert sum(told) < 5  # those where the mask of whole pixels has gone on by a row
     hidden = back.hidden[0][0]
     assert hidden is not None
     row = np.argwhere(hidden.mask.any(axis=1))[:, 0].mean() + hidden.corner[1]
-    assert abs(row - 82) < 1.1
+    assert abs(row - 82) < 0.6
 
 
 def test_before_itself():

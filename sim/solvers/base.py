@@ -298,8 +298,8 @@ class Solver:
         )
         wp.launch(
             integrate.advance,
-            m.nodes,
-            inputs=[m.node_ring, m.ring_tube, m.ring_node, m.node_wave, s.delta, s.low, s.momentum, m.rings],
+            m.rings,
+            inputs=[m.ring_tube, m.ring_node, m.tube_nx, m.node_wave, s.delta, s.low, s.momentum, m.rings],
             outputs=[s.tube, s.spine, s.velocity, s.spine_velocity],
             device=m.device,
         )
