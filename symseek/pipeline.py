@@ -177,14 +177,14 @@ def run(
     return result
 
 
-class _DepthPass:
+class DepthPasses:
     """Depth passes by OpenGL, or where there is none by rays; OpenGL is not touched unless something may be hidden."""
 
     def __init__(self) -> None:
         self._drawn: DepthPass | None = None
         self.lacks = False
 
-    def __enter__(self) -> _DepthPass:
+    def __enter__(self) -> DepthPasses:
         return self
 
     def __exit__(self, *problem: object) -> None:
@@ -212,7 +212,7 @@ def _solve(scene: Scene, device: str, callback: Callback | None, every: int = 1,
     found = still.Result([], [], None, {}, scene.settings)
     try:
         if scene.tubes:
-            with _DepthPass() as look:
+            with DepthPasses() as look:
                 found = still.reconstruct(scene.views, scene.tubes, scene.settings, device, callback, every, threads, look)
             if look.lacks:
                 found.settings = dataclasses.replace(found.settings, visibility="rays")
