@@ -10,7 +10,19 @@ from pathlib import Path
 from symseek.device import start_quietly
 
 from . import (
-    ablation, accuracy, breaks, dance, invariance, lines, photographs, rest, snakes, solvers, speed, still_life, studio,
+    ablation,
+    accuracy,
+    breaks,
+    dance,
+    invariance,
+    lines,
+    photographs,
+    rest,
+    snakes,
+    solvers,
+    speed,
+    still_life,
+    studio,
 )  # fmt: skip
 
 TABLES = {
