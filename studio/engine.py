@@ -57,6 +57,7 @@ class Engine:
         self._closed = False
         self._published, self._measured = 0.0, 0.0
         self._look: Look | None = None
+        self._looked = 0.0
         self._maps: dict[int, Foreground] = {}
         self._depths: dict[int, float] = {}
         self._mapped: list[str] = []
@@ -196,6 +197,8 @@ class Engine:
         begun, left = time.perf_counter(), max(1, round(self.speed * min(passed, 4 * ROUND)))
         while left > 0 and self._active() and time.perf_counter() - begun < ROUND:
             left -= self._advance(left)
+            if self._look is not None and self._looked > ROUND:  # it must not take all the time; `settle` makes up for it
+                self._look.last += REFRESH * int(self._looked / ROUND)
         spare = begun + ROUND - time.perf_counter()
         if self._active() and spare > 0:
             with self._wake:
@@ -210,7 +213,9 @@ class Engine:
             self._look.again(max(run.iteration for run in parts))
         count = min(most, max(1, REFRESH - (max(run.iteration for run in parts) - self._look.last)))
         list(self._pool.map(lambda part: part.run.advance(count), active))
+        begun = time.perf_counter()
         self._look.again(max(run.iteration for run in parts))
+        self._looked = time.perf_counter() - begun
         return count
 
     def _publish(self, at_once: bool) -> None:

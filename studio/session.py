@@ -271,8 +271,6 @@ class Session:
         depths = [i.depth for i in ranked]
         k = next((n for n, i in enumerate(ranked) if i.uid == uid), 0)
         to = min(max(k + by, 0), len(ranked) - 1)
-        if to == k:
-            return
         affine = self.view.camera.affine
         gap = DEPTH_GAP * (min(self.view.image.shape[:2]) * self.scale if affine else max(depths[0], 1e-6))
         for n in range(1, len(depths)):

@@ -207,10 +207,10 @@ def test_a_run_that_is_pulled_while_it_goes_on_is_played_again_bit_by_bit():
         assert part.done and part.converged and part.last
         at_rest = part.iteration, part.scene.world(0)[0]
         part.let_go(second)
-        third = part.pull(0, Spring((300.0, 360.0), reach=30.0))
+        third = part.pull(0, Spring((300.0, 360.0), reach=30.0, stiffness=0.01))
         part.advance(83)
         part.let_go(third)
-        assert np.abs(part.scene.world(0)[0] - at_rest[1]).max() > 5
+        assert np.abs(part.scene.world(0)[0] - at_rest[1]).max() > 3
         part.advance(10_000)
         assert part.converged and part.iteration > at_rest[0] + 83
     springs, settings = tuple(part.scene.springs.list), part.scene.settings
