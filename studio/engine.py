@@ -240,7 +240,7 @@ class Engine:
         mapped = [wish.structure for wish in wishes.values()]
         if mapped != self._mapped:  # each is made with the others in mind
             tubes, _ = in_order(view, [wish.tube for wish in wishes.values()])
-            found = maps_of([view], tubes) if wishes else []
+            found = [of_view for (of_view,) in maps_of([view], tubes)] if wishes else []
             self._maps, self._mapped = dict(zip(wishes, found, strict=True)), mapped
             self._depths = {uid: tube.depth for uid, tube in zip(wishes, tubes, strict=True)}
         for uid, wish in wishes.items():

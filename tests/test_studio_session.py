@@ -189,7 +189,12 @@ def test_after_the_last_spring_there_is_time_to_rest(folder):
     assert session.settings().iterations == 4000 and "solver" not in session.tables()
 
 
-@pytest.mark.parametrize("name", sorted(cli.demos()))
+def test_a_scene_of_several_views_is_refused():
+    with pytest.raises(symseek.SceneError, match="there are 8; the studio shows one"):
+        Folder(cli.demos()["squash_ring"].parent).open("scene.toml")
+
+
+@pytest.mark.parametrize("name", sorted({*cli.demos()} - {"squash_ring"}))
 def test_a_scene_file_is_kept_as_it_is(name):
     """Opened and saved without a change, it means the same."""
     scene = cli.demos()[name]
