@@ -23,6 +23,7 @@ def pole_force(
     facing_in: wp.array[float],
     # scalars
     view: int,
+    views: int,
     # out
     force_out: wp.array[wp.vec3],
 ):
@@ -49,7 +50,7 @@ def pole_force(
     v = tube_in[node]
     p = projection.project(eye, v)
     if image.outside(field, p) != 0:
-        if eyes.shape[0] == 1:
+        if views == 1:
             for x in range(n):
                 force_out[node + x] = wp.vec3(0.0)
         return

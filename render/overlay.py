@@ -15,7 +15,6 @@ from .text import plate, text_size, write_text
 WIRE: Colour = (255, 255, 255)
 SUPPORTED: Colour = (0, 229, 255)
 UNSUPPORTED: Colour = (255, 84, 150)
-HIDDEN: Colour = (150, 190, 255)
 SPINE_FIRST: Colour = (255, 255, 255)
 SPINE_LAST: Colour = (255, 222, 60)
 PULL: Colour = (255, 148, 40)
@@ -44,12 +43,14 @@ class Drawing:
     """the axis that the user gave."""
     spine_last: np.ndarray | None = None
     """the axis that was found."""
+    colour: Colour = SUPPORTED
+    """of the contour."""
     line: bool = False
     """what the user gave is a curve rather than an axis."""
     pulls: Polylines = ()
     """springs that hold it, from it to their anchors."""
     hidden: Sequence[np.ndarray] = ()
-    """for each polyline of the contour, bool, shape (n,): another object hides the point; empty: none."""
+    """for each polyline of the contour, bool, shape (n,): another object hides the point, which is dashed; empty: none."""
 
 
 class Photo:
@@ -185,15 +186,14 @@ def draw(picture: np.ndarray, photo: Photo, drawing: Drawing, width: float) -> N
     contour = _placed(photo, drawing.contour)
     support = drawing.support if len(drawing.support) else [np.ones(len(line), bool) for line in contour]
     hidden = drawing.hidden if len(drawing.hidden) else [np.zeros(len(line), bool) for line in contour]
-    for colour, dashed, chosen in (
-        (HIDDEN, True, hidden),
-        (UNSUPPORTED, True, [~s & ~h for s, h in zip(support, hidden, strict=True)]),
-        (SUPPORTED, False, [s & ~h for s, h in zip(support, hidden, strict=True)]),
+    flagged = list(zip(contour, support, hidden, strict=True))
+    for parts, colour, thick in (
+        ([part for line, _, behind in flagged for part in runs(line, ~behind, False)], drawing.colour, 1.0),
+        ([part for line, held, behind in flagged for part in runs(line, held | behind, False)], UNSUPPORTED, 1.6),
     ):
-        parts = [part for line, flags in zip(contour, chosen, strict=True) for part in runs(line, flags, True)]
-        if dashed:
-            parts = [dash for part in parts for dash in dashes(part, 7 * width, 5 * width)]
-        _haloed(picture, parts, colour, width * 1.6)
+        _haloed(picture, [dash for part in parts for dash in dashes(part, 7 * width, 5 * width)], colour, width * thick)
+    seen = [part for line, held, behind in flagged for part in runs(line, held & ~behind, True)]
+    _haloed(picture, seen, drawing.colour, width * 1.6)
     pulls = _placed(photo, drawing.pulls)
     _haloed(picture, pulls, PULL, width * 1.3)
     _haloed(picture, [line[-1:] for line in pulls], PULL, width * 5)
@@ -239,21 +239,22 @@ def _legend(picture: np.ndarray, photo: Photo, drawings: Sequence[Drawing], widt
 
 def _entries(drawings: Sequence[Drawing]) -> list[tuple[str, Colour, float, bool]]:
     """(words, colour, width, dashed) of what the drawings hold."""
-    hidden = any(np.any(flags) for drawing in drawings for flags in drawing.hidden)
+    behind = any(np.any(flags) for drawing in drawings for flags in drawing.hidden)
     loose = any(
         not np.all(flags | drawing.hidden[i] if len(drawing.hidden) else flags)
         for drawing in drawings
         for i, flags in enumerate(drawing.support)
     )
+    colour = next((drawing.colour for drawing in drawings), SUPPORTED)
     return [
         entry
         for there, entry in (
             (
                 any(len(d.contour) for d in drawings),
-                ("contour, supported by the image", SUPPORTED, 1.6, False),
+                ("contour, supported by the image", colour, 1.6, False),
             ),
+            (behind, ("contour, hidden by another object", colour, 1.0, True)),
             (loose, ("contour, unsupported", UNSUPPORTED, 1.6, True)),
-            (hidden, ("contour, hidden by another object", HIDDEN, 1.6, True)),
             (any(len(d.wire) for d in drawings), ("model", WIRE, 0.7, False)),
             (any(d.spine_first is not None and not d.line for d in drawings), ("axis given", SPINE_FIRST, 0.9, True)),
             (any(d.spine_first is not None and d.line for d in drawings), ("curve given", SPINE_FIRST, 0.9, True)),

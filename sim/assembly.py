@@ -235,8 +235,8 @@ class Assembly(Fabric):
                 f = image_kernels.Field()
                 f.start, f.width, f.height = start, w, h
                 f.x0, f.y0, f.step, f.sigma = *p.origin, p.step, p.sigma
-                f.first = wp.vec2(0.0, 0.0)
-                f.last = wp.vec2(*(float(n - 1) for n in self.views[v].image.shape[1::-1]))
+                height, width = self.views[v].image.shape[:2]
+                f.first, f.last = wp.vec2(0.0, 0.0), wp.vec2(float(width - 1), float(height - 1))
                 # contour length counts in lengths of the tube's own spine
                 f.gain = self.settings.gain * LINE_LOAD * self.unit / self.lengths[k]
                 if self.settings.force == "paper":

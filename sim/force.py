@@ -107,7 +107,7 @@ def add_forces(model: Model, state: State, contour_kind: str, literal: bool, tau
             2 * m.tubes,
             inputs=[
                 m.tube_node, m.tube_ring, m.tube_nx, m.tube_ns, m.ring_closed, *potentials,
-                s.tube, s.spine, s.facing, view,
+                s.tube, s.spine, s.facing, view, m.views,
             ],
             outputs=[s.force],
             device=m.device,

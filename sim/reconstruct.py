@@ -142,15 +142,8 @@ def reconstruct(
     tubes, found = in_order(views[0], tubes)
     maps = maps_of(views, tubes)
     lap("map")
-    for module in (
-        elastic,
-        coupling,
-        contour,
-        pole,
-        integrate,
-        *[depth] * (len(views) > 1),
-        *[spring] * any(t.springs for t in tubes),
-    ):
+    several, held = [depth] * (len(views) > 1), [spring] * any(tube.springs for tube in tubes)
+    for module in (elastic, coupling, contour, pole, integrate, *several, *held):
         wp.load_module(module, device=device)
     shares = [[k] for k in range(len(tubes))] if device == "cpu" else [list(range(len(tubes)))]
     threads = min(threads or os.cpu_count() or 1, len(shares))

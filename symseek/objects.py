@@ -25,7 +25,7 @@ LINE_BOUNDS: Bounds = {f.name: (0.0, 1e6) for m in (SnakeMaterial, SheetMaterial
 
 SHARED_KEYS = ["name", "kind", "material", "not_here", "spring"]
 KINDS = {
-    "tube": ["spine", "spines", "radius", "depth", "grid", "break"],
+    "tube": ["spine", "spines", "radius", "depth", "grid", "break", "figure"],
     "snake": ["points", "closed", "nodes"],
     "sheet": ["corners", "depth", "grid", "load", "image"],
 }
@@ -222,13 +222,15 @@ def _tube(table: Table, views: list[View], scale: float, shared: dict[str, Any])
         widest = 0.5 * float(np.hypot(*view.image.shape[:2])) * scale if view.camera.affine else np.inf
         radius = table.number("radius", above=0.0, most=widest)
     spine, grid = _spines(table, views) if "spines" in table else _spine(table, view), _grid(table)
+    figure = table.name("figure") if "figure" in table else None
     height, width = view.image.shape[:2]
     find_depth = _find_depth(table, views, spine.shape[1] == 2)
     depth = 0.0 if find_depth else _depth(table, view, spine.shape[1] == 2)
     _all_see(table, views, spine, depth)
     return Tube(
         spine=spine, radius=radius, depth=depth, find_depth=find_depth, grid=grid,
-        material=material_of(table, grid), breaks=breaks_of(table, grid[1], (height, width)), **shared,
+        material=material_of(table, grid), breaks=breaks_of(table, grid[1], (height, width)), figure=figure,
+        **shared,
     )  # fmt: skip
 
 

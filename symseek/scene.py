@@ -59,7 +59,11 @@ class Output:
     potentials: bool = True
     """potentials.png and foreground.png."""
     video_fps: int = 30
-    """frames a second."""
+    """frames a second, of both videos."""
+    stages: bool | None = None
+    """stages.png; None: where there are several tubes."""
+    turning: bool = False
+    """turning.mp4: all tubes together, once round."""
 
 
 @dataclass
@@ -167,6 +171,9 @@ def build(data: Mapping[str, Any], base: Path, source: str, name: str = "object"
         if names[i] in names[:i]:
             table.fail("name", f"{names[i]!r} stands twice", "give every object a name of its own")
     tubes = [o for o in built if isinstance(o, Tube)]
+    for table, o in zip(objects, built, strict=True):
+        if isinstance(o, Tube) and o.figure in names:
+            table.fail("figure", f"{o.figure!r} is an object's name", "give the figure a name of its own: both are files")
     lines = [o for o in built if not isinstance(o, Tube)]
     if not tubes and settings.scheme != Settings().scheme:
         top.fail(
