@@ -14,7 +14,7 @@ from .files import whole_file
 from .lighting import vertex_normals
 
 FRAME = "X right, Y down, Z away from the viewer"
-_WORLD_TO_GLTF = np.array([1.0, -1.0, -1.0])  # half a turn about X: Y up, +Z toward the viewer
+WORLD_TO_GLTF = np.array([1.0, -1.0, -1.0])  # half a turn about X: Y up, +Z toward the viewer
 
 
 def write_ply(path: str | Path, vertices: np.ndarray, faces: np.ndarray, units: str = "px", frame: str = FRAME) -> None:
@@ -30,7 +30,7 @@ def write_ply(path: str | Path, vertices: np.ndarray, faces: np.ndarray, units: 
     Raises:
         ValueError: the faces name vertices that are not there.
     """
-    vertices, faces = _checked(vertices, faces)
+    vertices, faces = checked(vertices, faces)
     names = ("x", "y", "z", "nx", "ny", "nz")
     points = np.empty(len(vertices), [(name, "<f4") for name in names])
     columns = np.hstack([vertices, vertex_normals(vertices, faces)]).T
@@ -78,11 +78,11 @@ def write_glb(
     """
     if not metres_per_unit > 0:
         raise ValueError(f"metres_per_unit must be positive, not {metres_per_unit}")
-    vertices, faces = _checked(vertices, faces)
+    vertices, faces = checked(vertices, faces)
     mesh = trimesh.Trimesh(
-        vertices=vertices * _WORLD_TO_GLTF * metres_per_unit,
+        vertices=vertices * WORLD_TO_GLTF * metres_per_unit,
         faces=faces,
-        vertex_normals=vertex_normals(vertices, faces) * _WORLD_TO_GLTF,
+        vertex_normals=vertex_normals(vertices, faces) * WORLD_TO_GLTF,
         process=False,
     )
     linear = (np.asarray(colour) / 255.0) ** 2.2  # glTF's factors are linear
@@ -94,7 +94,8 @@ def write_glb(
         part.write_bytes(export_glb(scene, include_normals=True))
 
 
-def _checked(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def checked(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices and faces as float and int; ValueError where faces name vertices that are not there."""
     vertices, faces = np.asarray(vertices, float), np.asarray(faces, int)
     if faces.size and not (0 <= faces.min() and faces.max() < len(vertices)):
         raise ValueError(f"faces name vertices {faces.min()} to {faces.max()} of {len(vertices)}")

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from PIL import Image
 
-from .lines import Polylines
+from .lines import Pen, Polylines, stroke
 from .raster import Meshes, Renderer, Viewpoint, bounding_sphere
 from .text import text_size, write_text
 
@@ -100,3 +100,37 @@ def grid(tiles: Sequence[np.ndarray], columns: int, gap: int, colour: tuple[int,
         top, left = gap + index // columns * height, gap + index % columns * width
         sheet[top : top + tile.shape[0], left : left + tile.shape[1]] = tile
     return sheet
+
+
+def chart(
+    x: np.ndarray, curves: Sequence[tuple[str, np.ndarray]], below: str, size: tuple[int, int] = (720, 170)
+) -> np.ndarray:
+    """Curves over one axis, each in a frame of its own, shape (H, W, 3), uint8.
+
+    Args:
+        x: shape (n,), rising.
+        curves: (label, values (n,)) each.
+        below: label of the axis.
+        size: (width, height) of a frame, px.
+    """
+    width, height = size
+    left, text = 90, height / 13
+    tiles = []
+    for label, y in curves:
+        plate = np.full((height, width, 3), _PAPER, np.uint8)
+        low, high = float(np.nanmin(y)), float(np.nanmax(y))
+        spread = max(high - low, 1e-3 * max(abs(high), abs(low)), 1e-12)
+        top, bottom = 2.4 * text, height - 1.2 * text
+        column = left + (width - left - 14) * (x - x[0]) / max(float(x[-1] - x[0]), 1e-12)
+        row = bottom - (bottom - top) * (y - 0.5 * (low + high - spread)) / spread
+        for value in (low, high):
+            level = bottom - (bottom - top) * (value - 0.5 * (low + high - spread)) / spread
+            stroke(plate, [np.array([[left, level], [width - 14, level]])], Pen(_FAINT, 1.0))
+            write_text(plate, (8, level - 0.7 * text), f"{value:.4g}", text, _INK)
+        stroke(plate, [np.stack([column, row], axis=1)], Pen((38, 110, 168), 2.2))
+        write_text(plate, (left, 0.4 * text), label, text, _INK)
+        tiles.append(plate)
+    words = f"{below}: {x[0]:.4g} to {x[-1]:.4g}"
+    foot = np.full((round(2.2 * text), width, 3), _PAPER, np.uint8)
+    write_text(foot, (left, 0.3 * text), words, text, _INK)
+    return np.concatenate([*tiles, foot])

@@ -13,8 +13,8 @@ from .lines import Colour, Pen, Polylines, stroke
 from .offscreen import Box, Surface
 from .platform import RenderError
 
-Meshes = Sequence[tuple[np.ndarray, np.ndarray, Colour]]
-"""(vertices (V, 3) world units, faces (F, 3) outward, sRGB colour), one for each object."""
+Meshes = Sequence[tuple[np.ndarray, np.ndarray, Colour | np.ndarray]]
+"""(vertices (V, 3) world units, faces (F, 3) outward, sRGB colour of all or (V, 3) of each vertex), one for each object."""
 
 _TO_GL = np.array([1.0, -1.0, -1.0])  # OpenGL looks along -z with y up
 
@@ -148,6 +148,7 @@ class Renderer:
         picture = np.full((self.height, self.width, 3), paper, np.uint8)
         for lines, (_, _, colour) in zip(wires, meshes, strict=True):
             seen = [part for line in lines for part in self._unhidden(line, viewpoint, depth)]
+            assert isinstance(colour, tuple)
             stroke(picture, seen, Pen(colour, 0.8))
         return picture
 
@@ -166,7 +167,7 @@ class Renderer:
         triangles = np.concatenate(
             [np.asarray(faces, np.int64) + start for (_, faces, _), start in zip(meshes, starts, strict=False)]
         )
-        colours = np.repeat([colour for _, _, colour in meshes], np.diff(starts), axis=0)
+        colours = np.concatenate([np.broadcast_to(colour, (len(v), 3)) for v, _, colour in meshes])
         if not np.isfinite(world).all():
             raise ValueError("a mesh has vertices that are not finite")
         seen = viewpoint.look(world) * _TO_GL

@@ -60,7 +60,7 @@ def mesh(
     slope = np.gradient(solid.axis, u, axis=0, edge_order=2)
     centre, tangent = (np.stack([np.interp(station, u, c) for c in of.T], 1) for of in (solid.axis, slope))
     angle = 2 * np.pi * np.arange(around) / around
-    return tube(centre, tangent, radius[:, None] * _sections(station, angle, out_of_round, rng))
+    return tube(centre, tangent, radius[:, None] * sections(station, angle, out_of_round, rng))
 
 
 def tube(centre: np.ndarray, tangent: np.ndarray, radius: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -96,13 +96,13 @@ def _faces(around: int, rings: int) -> np.ndarray:
     )
 
 
-def _sections(
+def sections(
     station: np.ndarray,
     angle: np.ndarray,
     amount: float,
     rng: np.random.Generator | None,
 ) -> np.ndarray:
-    """Factors on the radius, shape (stations, angles): 1 for circles."""
+    """Factors on the radius, shape (stations, angles): 1 for circles; see `mesh`."""
     out = np.ones((len(station), len(angle)))
     if amount == 0:
         return out

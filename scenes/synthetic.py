@@ -130,11 +130,13 @@ def render(
     gloss: float = 0.0,
     samples: int = 2,
     camera: Camera | None = None,
+    paint: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Lambert's shading of a smooth mesh, and how much of each pixel it covers, float32 (H, W); seen along Z by default.
 
     Shading is the mean over the part of the pixel that is covered, by samples x samples points a pixel;
-    coverage counts 8 x 8. `light` (3,) points towards the light; `gloss` adds a highlight of that strength.
+    coverage counts 8 x 8. `light` (3,) points towards the light; `gloss` adds a highlight of that strength;
+    `paint` (V,) multiplies what the solid sends back.
     """
     normals = vertex_normals(vertices, faces)
     points, depth = vertices[:, :2], vertices[:, 2]
@@ -147,6 +149,8 @@ def render(
     n /= np.sqrt(np.einsum("kd,kd->k", n, n))[:, None]
     toward = light / np.linalg.norm(light)
     lit = ambient + (1 - ambient) * np.clip(n @ toward, 0, None)
+    if paint is not None:
+        lit *= np.einsum("kc,kc->k", weight, paint[front[face]])
     if gloss:
         halfway = toward + np.array([0.0, 0.0, -1.0])
         lit += gloss * np.clip(n @ (halfway / np.linalg.norm(halfway)), 0, None) ** 40

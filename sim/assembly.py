@@ -70,15 +70,14 @@ class Assembly(Fabric):
         ]
         self.lengths = [length_of(axis_curve(a)) for a in self.axes]
         sizes = [int(np.prod(s.shape)) for row in self.spaces for s in row]
-        self.sample_start = np.concatenate([[0], np.cumsum(sizes)])[:-1].reshape(len(tubes), len(views))
         self.hidden: list[list[Hidden | None]] = [[None] * len(views) for _ in tubes]
         model = Model([t.grid for t in tubes], [t.material.closed for t in tubes], len(views), sum(sizes), device)
         super().__init__(model, tubes, settings, device, self.lengths[0], axis_curve(self.axes[0]).mean(axis=0))
-        self.model.set_cameras([self._own_camera(v.camera) for v in views])
+        self.model.set_cameras([self.own_camera(v.camera) for v in views])
         self._look()
         self.model.image_load[:] = settings.gain * LINE_LOAD
         self._start()
-        own = self._own_camera(camera)
+        own = self.own_camera(camera)
         bodies = [
             Held(list(t.springs), int(self.model.node_start[k]), t.grid, True, (1 / t.grid[0], 1 / (t.grid[1] - 1)),
                  self.unit, self.origin, own, 0)
@@ -87,7 +86,7 @@ class Assembly(Fabric):
         mass = np.concatenate([np.repeat(end_mass(ns), nx) for nx, ns in self.model.grids])
         self.springs = Springs(bodies, mass, device)
 
-    def _own_camera(self, camera: Camera) -> Camera:
+    def own_camera(self, camera: Camera) -> Camera:
         """A camera that takes points in the model's units."""
         return camera.in_units(self.unit, self.origin)
 
@@ -158,7 +157,7 @@ class Assembly(Fabric):
 
     def hold_depth(self) -> None:
         """Writes the depth each ring is held at: the rough axis' own, going on straight beyond its ends."""
-        camera = self._own_camera(self.views[0].camera)
+        camera = self.own_camera(self.views[0].camera)
         rest = np.zeros(self.model.rings, np.float32)
         spine = self.state.spine.numpy()
         for k in range(len(self.tubes)):
@@ -217,18 +216,22 @@ class Assembly(Fabric):
         seen = np.zeros(len(nodes), bool)
         for view in self.views:
             h, w = view.image.shape[:2]
-            points = self._own_camera(view.camera).project(nodes)
+            points = self.own_camera(view.camera).project(nodes)
             seen |= np.all((points >= -0.5) & (points <= [w - 0.5, h - 0.5]), axis=1)
         return seen
 
     def set_potentials(self, potentials: list[list[Potential]]) -> None:
         """Hands the potentials of one scale to the kernels, one for each tube and view."""
+        sizes = [p.magnitude.size for row in potentials for p in row]
+        if sum(sizes) > len(self.model.samples):  # a moving scene's may grow
+            self.model.samples = wp.zeros(2 * sum(sizes), dtype=wp.vec4, device=self.device)
         samples = np.zeros((len(self.model.samples), 4), np.float32)
+        starts = iter(np.append(0, np.cumsum(sizes)).tolist())
         fields = []
         for k, row in enumerate(potentials):
             for v, p in enumerate(row):
                 h, w = p.magnitude.shape
-                start = int(self.sample_start[k, v])
+                start = next(starts)
                 hidden = self.hidden[k][v]
                 shown = p.samples if hidden is None else hidden.seen_of(p, self.maps[k][v])
                 samples[start : start + h * w] = shown.reshape(-1, 4)

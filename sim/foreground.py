@@ -117,14 +117,14 @@ def resample(values: np.ndarray, origin: np.ndarray, step: float, shape: tuple[i
     return transform.warp(values, matrix, output_shape=shape, order=1, mode="edge", preserve_range=True).astype(np.float32)
 
 
-def _tinted(x: np.ndarray) -> np.ndarray:
+def tinted(x: np.ndarray) -> np.ndarray:
     """Lightness, and stronger tints that shade dims less: a round object's lightness varies more than its dye."""
     if x.shape[2] == 1:
         return x
     return x * np.concatenate([np.ones_like(x[..., :1]), *2 * [TINT * (0.5 + DARK) / (x[..., :1] + DARK)]], axis=2)
 
 
-def _histogram(cells: np.ndarray, chosen: np.ndarray, channels: int) -> np.ndarray:
+def histogram(cells: np.ndarray, chosen: np.ndarray, channels: int) -> np.ndarray:
     """Smoothed share of the chosen pixels in each colour cell."""
     counts = np.bincount(cells[chosen], minlength=BINS[channels] ** channels).astype(np.float32)
     cube = counts.reshape((BINS[channels],) * channels)
@@ -150,7 +150,7 @@ def colour_cells(x: np.ndarray) -> np.ndarray:
 
 def likelihood(cells: np.ndarray, mine: np.ndarray, known: np.ndarray, channels: int) -> np.ndarray:
     """Log likelihood ratio of each sample's colour: of what is mine over what is not, by what is known; shape (h, w)."""
-    fore, back = _histogram(cells, mine & known, channels), _histogram(cells, ~mine & known, channels)
+    fore, back = histogram(cells, mine & known, channels), histogram(cells, ~mine & known, channels)
     return np.log((fore[cells] + 1e-7) / (back[cells] + 1e-7))
 
 
@@ -268,7 +268,7 @@ def _look(image: np.ndarray, curve: np.ndarray, step: float, margin: float, igno
     first = np.maximum(lo.astype(int) - pad, 0)
     last = np.ceil(hi).astype(int) + pad + 1
     part = image[first[1] : last[1], first[0] : last[0]]
-    x = _tinted(resample(colours(part), lo - first, step, shape))
+    x = tinted(resample(colours(part), lo - first, step, shape))
     known = np.ones(shape, bool)
     if ignore is not None:
         known = resample((~ignore).astype(np.float32), lo, step, shape) > 0.5

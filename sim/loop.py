@@ -58,7 +58,8 @@ class Loop:
 
     def _forms(self) -> tuple:
         """What a graph has frozen of model and solver."""
-        return self.scene.model.shaped, self.scene.model.torn, self.scene.springs.form, *self.solver.form
+        m = self.scene.model
+        return m.shaped, m.torn, len(m.samples), self.scene.springs.form, *self.solver.form
 
     def hold_springs(self, iteration: int) -> None:
         """Lets springs take hold and let go, and the scheme take them implicitly."""

@@ -111,9 +111,9 @@ def _derivatives(sigma: float) -> tuple[np.ndarray, np.ndarray]:
 class ScaleSpace:
     """The image round one tube in one view, and its potentials at any sigma."""
 
-    def __init__(self, view: View, camera: Camera, map_: Foreground, settings: Settings):
+    def __init__(self, view: View, camera: Camera, map_: Foreground, settings: Settings, wide: float = WIDE):
         self.settings, self.map = settings, map_
-        self.step = max(1.0, map_.half_width / WIDE)
+        self.step = max(1.0, map_.half_width / wide)
         self.origin, extent = self._box()
         cols, rows = (int(v) for v in np.floor(extent / self.step) + 1)
         self.shape = (rows, cols)

@@ -54,7 +54,7 @@ def region_map(
         not_here: shape (k, 2), image points that are background.
     """
     lo, step, shape = _crop(points, image.shape, ACROSS)
-    x = walker._tinted(resample(colours(image), lo, step, shape))
+    x = walker.tinted(resample(colours(image), lo, step, shape))
     known = np.ones(shape, bool)
     if ignore is not None:
         known = resample((~ignore).astype(np.float32), lo, step, shape) > 0.5

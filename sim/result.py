@@ -11,7 +11,7 @@ from .assembly import Assembly
 from .fields import Cut
 from .measure import Support, contour_support, map_agreement, shape_measures, support_measures
 from .potential import Potential, PotentialPicture
-from .problem import Settings
+from .problem import Settings, View
 from .surface import occluding_contour, refine
 
 LEAST_SUPPORT = 0.6
@@ -48,11 +48,11 @@ class ObjectResult:
 
     name: str
     tube: np.ndarray
-    """shape (1, N_x, N_s, 3)."""
+    """shape (F, N_x, N_s, 3)."""
     spine: np.ndarray
-    """shape (1, N_s, 3)."""
+    """shape (F, N_s, 3)."""
     velocity: np.ndarray
-    """shape (1, N_x, N_s, 3), over the last step with mass [world units per unit of time]; 0 without."""
+    """shape (F, N_x, N_s, 3), over the last step with mass [world units per unit of time]; 0 without."""
     vertices: np.ndarray
     """of the smooth watertight surface, shape (V, 3)."""
     faces: np.ndarray
@@ -68,6 +68,10 @@ class ObjectResult:
     converged: bool = True
     trusted: bool = True
     warnings: list[str] = field(default_factory=list)
+    time: np.ndarray = field(default_factory=lambda: np.zeros(1))
+    """of each frame, shape (F,) [s], or frames where the rate is not known."""
+    notes: list[str] = field(default_factory=list)
+    """for each frame of a moving scene nothing, or why it is not to be trusted."""
 
     @property
     def contour(self) -> list[np.ndarray]:
@@ -95,6 +99,8 @@ class Result:
     """shape (H, W), first object's map in the first view's image, in [0, 1]."""
     seconds: dict[str, float]
     settings: Settings
+    views: list[View] = field(default_factory=list)
+    """of a moving scene, with the images of its last frame."""
 
 
 def finish(

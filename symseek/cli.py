@@ -19,6 +19,7 @@ from . import __version__
 if TYPE_CHECKING:
     from .pipeline import Result
     from .sim.reconstruct import Progress
+    from .sim.track import Shown
 
 DEMOS = Path(__file__).resolve().parent / "scenes"
 DEMO_DEFAULT = "squash"
@@ -212,8 +213,13 @@ class Show:
         self.last = 0.0
         self.open = False
 
-    def progress(self, p: Progress) -> None:
+    def progress(self, p: Progress | Shown) -> None:
         if self.quiet:
+            return
+        from .sim.track import Shown
+
+        if isinstance(p, Shown):
+            self._frame(p)
             return
         text = f"stage {p.stage + 1}, sigma {p.sigma:.1f} px: iteration {p.iteration}"
         if p.residual < math.inf:
@@ -225,6 +231,15 @@ class Show:
             print(f"\r[{'#' * filled}{'-' * (20 - filled)}] {text}\x1b[K", end="", flush=True)
         elif not self.terminal and p.stage != self.stage:
             self.stage = p.stage
+            print(text, flush=True)
+
+    def _frame(self, p: Shown) -> None:
+        lost = ", ".join(f.scene.tubes[0].name for f in p.followers if f.lost)
+        text = f"frame {p.frame}{f': {lost} lost' * bool(lost)}"
+        if self.terminal:
+            self.open = True
+            print(f"\r{text}\x1b[K", end="", flush=True)
+        elif lost or p.frame % 10 == 0:
             print(text, flush=True)
 
     def line(self, text: str) -> None:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .folder import RECORD
+from .motion import write_film, write_motion
 from .record import record_of
 from .render.evolution import Snapshot, evolution_frames
 from .render.export import write_glb, write_ply
@@ -70,7 +71,7 @@ def write(result: Result, folder: Path, tell: Callable[[str], None]) -> list[str
     _write_pictures(result, folder)
     phase("pictures", "rendering the video ..." if want.video or want.turning else "")
     if want.video:
-        _write_video(result, folder / "reconstruction.mp4")
+        (write_film if result.scene.frames else _write_video)(result, folder / "reconstruction.mp4")
     if want.turning and result.objects:
         _write_turning(result, folder / "turning.mp4")
     if want.video or want.turning:
@@ -106,9 +107,11 @@ def _write_meshes(result: Result, folder: Path) -> None:
             tube=o.tube,
             spine=o.spine,
             velocity=o.velocity,
-            time=np.zeros(len(o.tube)),
+            time=o.time,
             units=np.array(scene.units),
         )
+        if result.scene.frames:
+            write_motion(result, o, folder, colour)
     for figure, colour in zip(result.figures, _colours(), strict=False):
         mesh(figure.name, figure.vertices, figure.faces, colour)
     for o, colour in zip(result.lines, _colours(len(result.objects)), strict=False):
@@ -138,7 +141,7 @@ def _write_pictures(result: Result, folder: Path) -> None:
         wires = [
             line
             for o in solid
-            for line in (wire(o.tube[0], cuts=o.cuts) if isinstance(o, ObjectResult) else grid_lines(o.nodes[0]))
+            for line in (wire(o.tube[-1], cuts=o.cuts) if isinstance(o, ObjectResult) else grid_lines(o.nodes[0]))
         ]
         try:
             write_picture(folder / "views.png", views_sheet(meshes, wires, _front(result)))
@@ -183,7 +186,7 @@ def _overlay(result: Result, v: int) -> np.ndarray:
     drawings = [
         _drawing(
             tube if v == 0 or tube.spine.shape[1] == 3 else None,
-            view.camera, o.tube[0], o.spine[0], o.seen[v].contour, o.seen[v].support, o.cuts, o.seen[v].hidden, colour,
+            view.camera, o.tube[-1], o.spine[-1], o.seen[v].contour, o.seen[v].support, o.cuts, o.seen[v].hidden, colour,
         )
         for tube, o, colour in zip(result.scene.tubes, result.objects, _contours(result), strict=False)
     ]  # fmt: skip
@@ -224,7 +227,7 @@ def _contours(result: Result) -> Iterator[Colour]:
 
 def _front(result: Result) -> np.ndarray:
     """`front` at the middle of the first object that lies in the world; at its origin where all are snakes."""
-    places = [o.spine[0] for o in result.objects] + [o.nodes[0] for o in result.lines if o.kind == "sheet"]
+    places = [o.spine[-1] for o in result.objects] + [o.nodes[0] for o in result.lines if o.kind == "sheet"]
     middle = places[0].reshape(-1, 3).mean(axis=0) if places else np.zeros(3)
     return front(result.scene.views[0].camera, middle)
 

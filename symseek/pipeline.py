@@ -13,19 +13,21 @@ import numpy as np
 from .checks import SceneError
 from .device import prepare
 from .folder import staging
+from .frames import together
 from .scene import Output, Scene, build, load
 from .sim import reconstruct as still
 from .sim.figure import Figure, figures
 from .sim.material import Material
 from .sim.problem import Settings
 from .sim.snake import LineResult, deform
+from .sim.track import track
 from .sim.visibility import cast_rays
 
 if TYPE_CHECKING:
     from .render.visibility import DepthPass
 
-Callback = Callable[[still.Progress], "bool | None"]
-"""Called each iteration; returning True stops the solver, and the result so far is measured."""
+Callback = Callable[[Any], "bool | None"]
+"""Called with a `Progress` each iteration or a `Shown` each frame; returning True stops, and the rest is measured."""
 
 
 @dataclasses.dataclass(kw_only=True)
@@ -211,7 +213,10 @@ def _solve(scene: Scene, device: str, callback: Callback | None, every: int = 1,
     united: list[Figure] = []
     found = still.Result([], [], None, {}, scene.settings)
     try:
-        if scene.tubes:
+        if scene.frames:
+            found = track(together(scene.frames), scene.views, scene.tubes, scene.settings, scene.tracking, device, callback)
+            scene = dataclasses.replace(scene, views=found.views)
+        elif scene.tubes:
             with DepthPasses() as look:
                 found = still.reconstruct(scene.views, scene.tubes, scene.settings, device, callback, every, threads, look)
             if look.lacks:

@@ -48,6 +48,7 @@ def record_of(result: Result, names: list[str]) -> dict[str, Any]:
             "warnings": o.warnings,
             "iterations": o.iterations,
             **o.measures,
+            **({"frames": len(o.tube), "notes": o.notes} if scene.frames else {}),
             "grid": tube.grid,
             "material": {f.name: getattr(tube.material, f.name) for f in dataclasses.fields(tube.material)},
             "break": [dataclasses.asdict(b) for b in tube.breaks],

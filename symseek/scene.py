@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 import tomllib
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -14,10 +14,12 @@ import numpy as np
 
 from . import images
 from .checks import Bounds, SceneError, Table, shown, suggest
+from .frames import Frames
 from .objects import OBJECT_KEYS, build_object
 from .override import apply
 from .sim.camera import Camera
 from .sim.problem import Settings, Sheet, Snake, Tube, View
+from .sim.track import Tracking
 
 METRES = {"px": 1e-3, "um": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "km": 1e3, "in": 0.0254, "ft": 0.3048}
 """Units of the world in metres, in which GLB is written; there a pixel counts as a millimetre."""
@@ -39,7 +41,8 @@ SETTINGS_BOUNDS: Bounds = {
     "momentum": (0.0, 0.95),
 }
 
-TOP_KEYS = ["name", "units", "scale", "view", "object", "solver", "output"]
+TOP_KEYS = ["name", "units", "scale", "view", "object", "solver", "track", "output"]
+TRACK_BOUNDS: Bounds = {"iterations": (1, 10_000), "first": ("rod", "rigid", "none"), "fps": (1e-6, 1e6)}
 VIEW_KEYS = ["name", "image", "frames", "projection", "alpha", "K", "R", "t", "P", "ignore"]
 PROJECTION_KEYS = {"orthographic": [], "stereo": ["alpha"], "perspective": ["K", "R", "t"], "matrix": ["P"]}
 
@@ -83,6 +86,9 @@ class Scene:
     output: Output = field(default_factory=Output)
     source: str = ""
     """the file it came from."""
+    frames: list[Frames] = field(default_factory=list)
+    """of each view, where the scene moves; the views hold the first."""
+    tracking: Tracking = field(default_factory=Tracking)
     text: dict[str, Any] = field(default_factory=dict)
     """the tables as read, overrides included."""
     seconds: float = 0.0
@@ -153,7 +159,11 @@ def build(data: Mapping[str, Any], base: Path, source: str, name: str = "object"
     units = top.text("units", "px", choices=METRES)
     tables = top.tables("view", VIEW_KEYS, 'add a [[view]] with image = "photo.jpg"')
     scale = _scale(top, units, tables)
-    views = [_view(table, base, scale, "front" if i == 0 else f"view{i + 1}") for i, table in enumerate(tables)]
+    read = [_view(table, base, scale, "front" if i == 0 else f"view{i + 1}") for i, table in enumerate(tables)]
+    views = [view for view, _ in read]
+    for table in tables:
+        if ("frames" in table) != ("frames" in tables[0]):
+            table.fail("frames", "stands in some views and not in others", "give all views frames, or an image")
     for i, table in enumerate(tables):
         if views[i].name in [view.name for view in views[:i]]:
             table.fail("name", f"{views[i].name!r} stands twice", "give every view a name of its own")
@@ -182,7 +192,15 @@ def build(data: Mapping[str, Any], base: Path, source: str, name: str = "object"
     if settings.sigmas and any(fine >= coarse for coarse, fine in pairwise(settings.sigmas)):
         top.fail("solver.sigmas", f"{list(settings.sigmas)} does not fall", "write them from coarse to fine")
     output = top.fields("output", Output(), {"video_fps": (1, 120)})
-    return Scene(scene_name, views, tubes, settings, lines, units, scale, output, source, dict(data))
+    frames = [view for _, view in read if view is not None]
+    tracking = top.fields("track", Tracking(), TRACK_BOUNDS)
+    if frames and lines:
+        top.fail("object", "a snake or sheet does not move", "keep the tubes, or give image instead of frames")
+    if "track" in top and not frames:
+        top.fail("track", "is for moving scenes", 'give frames = "left.mp4" in each [[view]], or remove it')
+    if tracking.fps is None and frames and frames[0].fps:
+        tracking = replace(tracking, fps=frames[0].fps)
+    return Scene(scene_name, views, tubes, settings, lines, units, scale, output, source, frames, tracking, dict(data))
 
 
 def _scale(top: Table, units: str, views: list[Table]) -> float:
@@ -211,11 +229,12 @@ def _scale(top: Table, units: str, views: list[Table]) -> float:
     return scale
 
 
-def _view(table: Table, base: Path, scale: float, default_name: str) -> View:
-    if "frames" in table:
-        table.fail("frames", "moving scenes are not in this version", 'give one photograph: image = "photo.jpg"')
+def _view(table: Table, base: Path, scale: float, default_name: str) -> tuple[View, Frames | None]:
+    if "frames" in table and "image" in table:
+        table.fail("image", "stands beside frames", "give a photograph or frames, not both")
     camera = _camera(table, scale)
-    image = images.read(table, "image", base)
+    frames = Frames(table, base) if "frames" in table else None
+    image = images.read(table, "image", base) if frames is None else frames.first
     ignore = None
     if "ignore" in table:
         ignore = images.read(table, "ignore", base, mask=True) > 0.5
@@ -232,7 +251,7 @@ def _view(table: Table, base: Path, scale: float, default_name: str) -> View:
                 "the mask covers the whole image",
                 "white means: do not look here; leave the object black",
             )
-    return View(name=table.name("name", default_name), image=image, camera=camera, ignore=ignore)
+    return View(name=table.name("name", default_name), image=image, camera=camera, ignore=ignore), frames
 
 
 def _camera(table: Table, scale: float) -> Camera:

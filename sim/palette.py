@@ -1,0 +1,108 @@
+"""The foreground map of a frame, made cheaply: colours kept from the first one, the region from where the tube must be."""
+
+from __future__ import annotations
+
+import numpy as np
+from PIL import Image, ImageDraw
+from scipy import ndimage
+
+from .foreground import BINS, FINE, FINEST, ROUND, SHAPE, Foreground, colours, histogram, resample, tinted
+from .problem import View
+
+AROUND = 2.0
+"""What is looked at beyond the tube, in half widths."""
+SLACK = 0.5
+"""How far from the tube's own outline the colours alone decide, in half widths."""
+BLUR = 1.2
+"""Smoothing of the colours' odds [samples]."""
+SURE = 4.0
+"""Most that a sample's colour can say, in log odds."""
+
+
+class Palette:
+    """What tells an object from what is around it in one view.
+
+    Args:
+        view: of the first frame.
+        map_: the object's foreground map in it.
+    """
+
+    def __init__(self, view: View, map_: Foreground):
+        self.camera, self.ignore = view.camera, view.ignore
+        self.half_width, self.length = map_.half_width, map_.length
+        self.step = max(map_.half_width / FINE, FINEST)
+        low, high = map_.axis.min(axis=0), map_.axis.max(axis=0)
+        x, origin = self._sampled(view.image, low, high, AROUND * self.half_width)
+        rows, cols = (np.arange(n) * self.step + origin[1 - i] for i, n in enumerate(x.shape[:2]))
+        at = np.meshgrid((rows - map_.origin[1]) / map_.step, (cols - map_.origin[0]) / map_.step, indexing="ij")
+        mine = ndimage.map_coordinates(map_.inside, at, order=1, mode="constant") > 0.5
+        self.low = x.min(axis=(0, 1))
+        self.bin = (x.max(axis=(0, 1)) - self.low + 1e-6) / BINS[x.shape[2]]
+        cells, known = self._cells(x), self._known(origin, (x.shape[0], x.shape[1]))
+        fore, back = (histogram(cells, part & known, x.shape[2]) for part in (mine, ~mine))
+        self.ratio = np.clip(np.log((fore + 1e-7) / (back + 1e-7)), -2 * SURE, 2 * SURE).astype(np.float32)
+
+    def map(self, image: np.ndarray, tube: np.ndarray, spine: np.ndarray, wide: float = 1.0) -> Foreground:
+        """The map of another frame.
+
+        Args:
+            image: shape (H, W) or (H, W, 3), in [0, 1].
+            tube: where the object must be about, shape (N_x, N_s, 3), world units.
+            spine: shape (N_s, 3).
+            wide: how much further than `SLACK` from it colours alone decide.
+        """
+        points = self.camera.project(tube)
+        flat = points.reshape(-1, 2)
+        x, origin = self._sampled(image, flat.min(axis=0), flat.max(axis=0), AROUND * max(1.0, wide) * self.half_width)
+        shape = (x.shape[0], x.shape[1])
+        within = silhouette((points - origin) / self.step, shape)
+        depth = signed_depth(within) * self.step / (wide * SLACK * self.half_width)
+        odds = np.where(self._known(origin, shape), 0.5 * self.ratio[self._cells(x)], 0.0)
+        odds = ndimage.gaussian_filter(odds, BLUR, mode="nearest")
+        odds += SHAPE * np.sign(depth) * np.maximum(np.abs(depth) - 0.5, 0)
+        inside = 1 / (1 + np.exp(-np.clip(2 * odds, -30, 30)))
+        inside = ndimage.gaussian_filter(inside, ROUND, mode="nearest").astype(np.float32)
+        axis = self.camera.project(spine)
+        return Foreground(inside, self.step, (float(origin[0]), float(origin[1])), self.length, self.half_width, axis)
+
+    def seen(self, map_: Foreground, tube: np.ndarray) -> float:
+        """Share of the tube's silhouette, shape (N_x, N_s, 3), that is the object by a map; of what lies in the image."""
+        points = (self.camera.project(tube) - np.array(map_.origin)) / map_.step
+        within = silhouette(points, map_.inside.shape)
+        return float(map_.inside[within].mean()) if within.any() else 0.0
+
+    def _sampled(self, image: np.ndarray, low: np.ndarray, high: np.ndarray, margin: float) -> tuple[np.ndarray, np.ndarray]:
+        """Colours (h, w, channels) about a box of image points, and the image point of sample (0, 0)."""
+        h, w = image.shape[:2]
+        first = np.clip(np.floor(low - margin), 0, [w - 9, h - 9]).astype(int)
+        last = np.clip(np.ceil(high + margin), first + 8, [w - 1, h - 1]).astype(int)
+        part = image[first[1] : last[1] + 1, first[0] : last[0] + 1]
+        cols, rows = np.maximum(((last - first) / self.step + 1).astype(int), 8)
+        return tinted(colours(resample(part, np.zeros(2), self.step, (rows, cols)))), first.astype(float)
+
+    def _cells(self, x: np.ndarray) -> np.ndarray:
+        q = np.clip(((x - self.low) / self.bin).astype(int), 0, BINS[x.shape[2]] - 1)
+        return np.asarray(np.ravel_multi_index(tuple(np.moveaxis(q, 2, 0)), (BINS[x.shape[2]],) * x.shape[2]))
+
+    def _known(self, origin: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+        if self.ignore is None:
+            return np.ones(shape, bool)
+        return resample((~self.ignore).astype(np.float32), origin, self.step, shape) > 0.5
+
+
+def silhouette(points: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """Samples (h, w), bool, that the patches of a projected grid, shape (N_x, N_s, 2), cover."""
+    picture = Image.new("1", (shape[1], shape[0]))
+    draw = ImageDraw.Draw(picture)
+    around = np.roll(points, -1, axis=0)
+    patches = np.stack([points[:, :-1], points[:, 1:], around[:, 1:], around[:, :-1]], axis=2)
+    for corners in patches.reshape(-1, 8).tolist():
+        draw.polygon(corners, fill=1)
+    return np.asarray(picture)
+
+
+def signed_depth(mask: np.ndarray) -> np.ndarray:
+    """Distance to the border of a mask [samples], above 0 within; the picture's own border is none."""
+    if mask.all() or not mask.any():
+        return np.full(mask.shape, np.inf if mask.all() else -np.inf)
+    return np.asarray(ndimage.distance_transform_edt(mask)) - np.asarray(ndimage.distance_transform_edt(~mask))
