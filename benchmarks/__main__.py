@@ -9,7 +9,7 @@ from pathlib import Path
 
 from symseek.device import start_quietly
 
-from . import ablation, accuracy, breaks, invariance, lines, photographs, rest, snakes, solvers, speed, studio
+from . import ablation, accuracy, breaks, dance, invariance, lines, photographs, rest, snakes, solvers, speed, studio
 
 TABLES = {
     "accuracy": accuracy.main,
@@ -17,6 +17,7 @@ TABLES = {
     "invariance": invariance.main,
     "rest": rest.main,
     "breaks": breaks.main,
+    "dance": dance.main,
     "photographs": photographs.main,
     "snakes": snakes.main,
     "speed": speed.main,

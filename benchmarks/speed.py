@@ -46,8 +46,8 @@ def iteration(scene: Scene, grid: tuple[int, int]) -> tuple[float, float]:
     """Microseconds of one iteration of one tube at the finest scale: as plain launches, as a captured graph."""
     tubes = [replace(tube, grid=grid) for tube in scene.tubes]
     laid = Assembly(scene.views, tubes, scene.settings, "cpu", maps_of(scene.views, tubes))
-    space = laid.spaces[0]
-    laid.set_potentials([space.at(space.sigmas[-1], finest=True)])
+    space = laid.spaces[0][0]
+    laid.set_potentials([[space.at(space.sigmas[-1], finest=True)]])
     laid.hold_depth()
     laid.set_material(LEAST_SHARE)
     loop = Loop(laid, careful=False)

@@ -204,7 +204,7 @@ def segment(
     samples: wp.array[wp.vec4],
     a: Crossing,
     b: Crossing,
-    density: float,
+    density: wp.mat33,
     literal: int,
     force: wp.array[wp.vec3],
 ):
@@ -248,6 +248,7 @@ def contour_force(
     eyes: wp.array[projection.Eye],
     fields: wp.array[image.Field],
     samples: wp.array[wp.vec4],
+    spread: wp.array[wp.mat33],
     # state in
     tube_in: wp.array[wp.vec3],
     normal_in: wp.array[wp.vec3],
@@ -283,7 +284,7 @@ def contour_force(
     if g00 == g10 and g00 == g01 and g00 == g11:
         return
     # a line load along s as a load per hx hs
-    density = float(n) * float(ns - 1)
+    density = float(n) * float(ns - 1) * spread[r]
     eye = eyes[view]
     field = fields[k]
     bottom = Crossing()
@@ -329,6 +330,7 @@ def switch_force(
     eyes: wp.array[projection.Eye],
     fields: wp.array[image.Field],
     samples: wp.array[wp.vec4],
+    spread: wp.array[wp.mat33],
     # state in
     tube_in: wp.array[wp.vec3],
     normal_in: wp.array[wp.vec3],
@@ -344,9 +346,8 @@ def switch_force(
     i = wp.tid()
     if wp.abs(facing_in[i]) >= tau:
         return
-    k = ring_tube[node_ring[i]]
     eye = eyes[view]
-    field = fields[k]
+    field = fields[ring_tube[node_ring[i]]]
     v = tube_in[i]
     p = projection.project(eye, v)
     d = projection.depth(eye, v)
@@ -358,4 +359,4 @@ def switch_force(
     else:
         m = wp.vec2(wp.dot(j0, normal_in[i]), wp.dot(j1, normal_in[i]))
         f = image.lift(j0, j1, image.normal_pull(value, wp.normalize(m)))
-    wp.atomic_add(force_out, i, AT_NODES * field.gain * f)
+    wp.atomic_add(force_out, i, AT_NODES * field.gain * (spread[node_ring[i]] * f))

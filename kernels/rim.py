@@ -23,6 +23,7 @@ def rim_force(
     eyes: wp.array[projection.Eye],
     fields: wp.array[image.Field],
     samples: wp.array[wp.vec4],
+    spread: wp.array[wp.mat33],
     # state in
     tube_in: wp.array[wp.vec3],
     centroid_in: wp.array[wp.vec3],
@@ -94,6 +95,7 @@ def rim_force(
             if pull_out > 0.0:
                 pull_out *= free
             f = weight * image.lift(j0, j1, pull_out * outward)
+        f = spread[r] * f
         if blind == 0:
             wp.atomic_add(force_out, start + x, f)
         whole += f / float(n)

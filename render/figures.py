@@ -47,7 +47,7 @@ def views_sheet(
             picture = renderer.shade(meshes, Viewpoint(centre, radius, azimuth, elevation, front), lines)
             write_text(picture, (tile * 0.035, tile * 0.925), name, tile / 26, (190, 198, 208))
             tiles.append(picture)
-    return _grid(tiles, columns, gap=2, colour=(16, 19, 24))
+    return grid(tiles, columns, gap=2, colour=(16, 19, 24))
 
 
 def potentials_sheet(
@@ -66,7 +66,7 @@ def potentials_sheet(
     if foreground is not None:
         labelled.insert(0, ("foreground map", np.clip(foreground, 0.0, 1.0)))
     plates = [_plate(words, darkness, tile) for words, darkness in labelled]
-    return _grid(plates, len(plates), gap=14, colour=_PAPER)
+    return grid(plates, len(plates), gap=14, colour=_PAPER)
 
 
 def _spanning(strength: np.ndarray) -> np.ndarray:
@@ -90,7 +90,7 @@ def _plate(words: str, darkness: np.ndarray, height: int) -> np.ndarray:
     return plate
 
 
-def _grid(tiles: Sequence[np.ndarray], columns: int, gap: int, colour: tuple[int, int, int]) -> np.ndarray:
+def grid(tiles: Sequence[np.ndarray], columns: int, gap: int, colour: tuple[int, int, int]) -> np.ndarray:
     """Tiles in rows, with gaps between and around; short rows and small tiles leave the ground bare."""
     height = max(tile.shape[0] for tile in tiles) + gap
     width = max(tile.shape[1] for tile in tiles) + gap

@@ -46,10 +46,10 @@ _RIM_SIDE = _unit(0.75, 0.45, -0.5)
 _SKY, _GROUND = np.array([0.46, 0.50, 0.56]) * 0.5, np.array([0.36, 0.29, 0.24]) * 0.36
 
 
-def lit(normals: np.ndarray, colour: tuple[int, int, int]) -> np.ndarray:
-    """Colours, shape (V, 3), sRGB in [0, 1], of a satin surface with unit normals, shape (V, 3)."""
+def lit(normals: np.ndarray, colours: np.ndarray) -> np.ndarray:
+    """Colours, shape (V, 3), sRGB in [0, 1], of a satin surface with unit normals and sRGB 0 to 255, shape (V, 3) each."""
     normals = normals.astype(np.float32)
-    albedo = (np.asarray(colour) / 255.0) ** 2.2
+    albedo = (colours / 255.0) ** 2.2
     height = 0.5 + 0.5 * normals[:, 1:2]
     light = height * _SKY + (1 - height) * _GROUND
     shine = np.zeros((len(normals), 1))

@@ -15,13 +15,15 @@ from .text import plate, text_size, write_text
 WIRE: Colour = (255, 255, 255)
 SUPPORTED: Colour = (0, 229, 255)
 UNSUPPORTED: Colour = (255, 84, 150)
-HIDDEN: Colour = (150, 190, 255)
 SPINE_FIRST: Colour = (255, 255, 255)
 SPINE_LAST: Colour = (255, 222, 60)
 PULL: Colour = (255, 148, 40)
 _DARK: Colour = (12, 16, 24)
 
 _CRAMPED = 1.12  # window over object, at the least
+
+SHEET, GAP = 2400, 6
+"""Height of pictures side by side times their columns, and what lies between them, px."""
 
 LONG_SIDE = (960, 1600)
 """px: smaller photographs are enlarged to the first, larger ones reduced to the second."""
@@ -41,12 +43,14 @@ class Drawing:
     """the axis that the user gave."""
     spine_last: np.ndarray | None = None
     """the axis that was found."""
+    colour: Colour = SUPPORTED
+    """of the contour."""
     line: bool = False
     """what the user gave is a curve rather than an axis."""
     pulls: Polylines = ()
     """springs that hold it, from it to their anchors."""
     hidden: Sequence[np.ndarray] = ()
-    """for each polyline of the contour, bool, shape (n,): another object hides the point; empty: none."""
+    """for each polyline of the contour, bool, shape (n,): another object hides the point, which is dashed; empty: none."""
 
 
 class Photo:
@@ -95,13 +99,14 @@ class Photo:
         return (np.asarray(points, float).reshape(-1, 2) - self.window[:2]) * self.scale - 0.5
 
 
-def draw_overlay(image: np.ndarray, drawings: Sequence[Drawing], legend: bool = True) -> np.ndarray:
+def draw_overlay(image: np.ndarray, drawings: Sequence[Drawing], legend: bool = True, caption: str = "") -> np.ndarray:
     """A photograph with models drawn over it, shape (h, w, 3), uint8, long side 960 to 1600 px.
 
     Args:
         image: shape (H, W) or (H, W, 3), float in [0, 1] or uint8.
         drawings: one for each object.
         legend: whether to say in the emptiest corner what the colours mean.
+        caption: written below the upper border.
     """
     photo = Photo.sized(image)
     picture = photo.picture
@@ -110,7 +115,30 @@ def draw_overlay(image: np.ndarray, drawings: Sequence[Drawing], legend: bool = 
         draw(picture, photo, drawing, width)
     if legend:
         _legend(picture, photo, drawings, max(picture.shape[:2]) / 640)
+    if caption:
+        size = 12 * max(picture.shape[:2]) / 640
+        width, height = text_size(caption, size)
+        left, top, pad = (picture.shape[1] - width) // 2, round(size / 2), round(size / 2)
+        plate(picture, (left - pad, top - pad // 2, left + width + pad, top + height + pad // 2), _DARK, 0.72, pad)
+        write_text(picture, (left, top), caption, size)
     return picture
+
+
+def side_by_side(pictures: Sequence[np.ndarray]) -> np.ndarray:
+    """Pictures (h, w, 3), uint8, in rows of about the square root of their number, reduced to `SHEET` px in all."""
+    if len(pictures) == 1:
+        return pictures[0]
+    columns = math.ceil(math.sqrt(len(pictures)))
+    height = min(SHEET // columns, *(p.shape[0] for p in pictures))
+    scaled = [np.asarray(Image.fromarray(p).resize((round(height * p.shape[1] / p.shape[0]), height))) for p in pictures]
+    width = max(p.shape[1] for p in scaled)
+    rows = math.ceil(len(pictures) / columns)
+    sheet = np.empty((rows * (height + GAP) - GAP, columns * (width + GAP) - GAP, 3), np.uint8)
+    sheet[:] = _DARK
+    for i, p in enumerate(scaled):
+        top, left = i // columns * (height + GAP), i % columns * (width + GAP)
+        sheet[top : top + height, left : left + p.shape[1]] = p
+    return sheet
 
 
 def line_width(photo: Photo, drawings: Sequence[Drawing]) -> float:
@@ -158,15 +186,14 @@ def draw(picture: np.ndarray, photo: Photo, drawing: Drawing, width: float) -> N
     contour = _placed(photo, drawing.contour)
     support = drawing.support if len(drawing.support) else [np.ones(len(line), bool) for line in contour]
     hidden = drawing.hidden if len(drawing.hidden) else [np.zeros(len(line), bool) for line in contour]
-    for colour, dashed, chosen in (
-        (HIDDEN, True, hidden),
-        (UNSUPPORTED, True, [~s & ~h for s, h in zip(support, hidden, strict=True)]),
-        (SUPPORTED, False, [s & ~h for s, h in zip(support, hidden, strict=True)]),
+    flagged = list(zip(contour, support, hidden, strict=True))
+    for parts, colour, thick in (
+        ([part for line, _, behind in flagged for part in runs(line, ~behind, False)], drawing.colour, 1.0),
+        ([part for line, held, behind in flagged for part in runs(line, held | behind, False)], UNSUPPORTED, 1.6),
     ):
-        parts = [part for line, flags in zip(contour, chosen, strict=True) for part in runs(line, flags, True)]
-        if dashed:
-            parts = [dash for part in parts for dash in dashes(part, 7 * width, 5 * width)]
-        _haloed(picture, parts, colour, width * 1.6)
+        _haloed(picture, [dash for part in parts for dash in dashes(part, 7 * width, 5 * width)], colour, width * thick)
+    seen = [part for line, held, behind in flagged for part in runs(line, held & ~behind, True)]
+    _haloed(picture, seen, drawing.colour, width * 1.6)
     pulls = _placed(photo, drawing.pulls)
     _haloed(picture, pulls, PULL, width * 1.3)
     _haloed(picture, [line[-1:] for line in pulls], PULL, width * 5)
@@ -212,21 +239,22 @@ def _legend(picture: np.ndarray, photo: Photo, drawings: Sequence[Drawing], widt
 
 def _entries(drawings: Sequence[Drawing]) -> list[tuple[str, Colour, float, bool]]:
     """(words, colour, width, dashed) of what the drawings hold."""
-    hidden = any(np.any(flags) for drawing in drawings for flags in drawing.hidden)
+    behind = any(np.any(flags) for drawing in drawings for flags in drawing.hidden)
     loose = any(
         not np.all(flags | drawing.hidden[i] if len(drawing.hidden) else flags)
         for drawing in drawings
         for i, flags in enumerate(drawing.support)
     )
+    colour = next((drawing.colour for drawing in drawings), SUPPORTED)
     return [
         entry
         for there, entry in (
             (
                 any(len(d.contour) for d in drawings),
-                ("contour, supported by the image", SUPPORTED, 1.6, False),
+                ("contour, supported by the image", colour, 1.6, False),
             ),
+            (behind, ("contour, hidden by another object", colour, 1.0, True)),
             (loose, ("contour, unsupported", UNSUPPORTED, 1.6, True)),
-            (hidden, ("contour, hidden by another object", HIDDEN, 1.6, True)),
             (any(len(d.wire) for d in drawings), ("model", WIRE, 0.7, False)),
             (any(d.spine_first is not None and not d.line for d in drawings), ("axis given", SPINE_FIRST, 0.9, True)),
             (any(d.spine_first is not None and d.line for d in drawings), ("curve given", SPINE_FIRST, 0.9, True)),

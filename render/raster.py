@@ -134,6 +134,23 @@ class Renderer:
             stroke(picture, seen, Pen(line_colour, line_width, 0.85))
         return picture
 
+    def wires(self, meshes: Meshes, viewpoint: Viewpoint, wires: Sequence[Polylines], paper: Colour) -> np.ndarray:
+        """Wire frames on paper, shape (H, W, 3), uint8, each in its mesh's colour and hidden where any mesh hides it.
+
+        Args:
+            meshes: (vertices, faces, colour) each.
+            viewpoint: where the viewer stands.
+            wires: of each mesh, polylines in the world, shape (n, 3) each.
+            paper: sRGB of the ground.
+        """
+        self._layer(meshes, viewpoint)
+        depth = self._surface.depth()
+        picture = np.full((self.height, self.width, 3), paper, np.uint8)
+        for lines, (_, _, colour) in zip(wires, meshes, strict=True):
+            seen = [part for line in lines for part in self._unhidden(line, viewpoint, depth)]
+            stroke(picture, seen, Pen(colour, 0.8))
+        return picture
+
     def alpha(self, meshes: Meshes, viewpoint: Viewpoint) -> np.ndarray:
         """Share of each pixel that the meshes cover, shape (H, W), float32 in [0, 1]."""
         layer, (left, top, right, bottom) = self._layer(meshes, viewpoint)
@@ -143,26 +160,23 @@ class Renderer:
 
     def _layer(self, meshes: Meshes, viewpoint: Viewpoint) -> tuple[np.ndarray, Box]:
         """Colours premultiplied by coverage, shape (h, w, 4), uint8, and their box in the picture."""
-        positions, colours, triangles, count = [], [], [], 0
-        for vertices, faces, colour in meshes:  # merged: each node costs milliseconds
-            faces = np.asarray(faces, np.int64)
-            seen = viewpoint.look(vertices) * _TO_GL
-            positions.append(seen)
-            colours.append(lit(vertex_normals(seen, faces), colour))
-            triangles.append(faces + count)
-            count += len(seen)
-        pixels = [viewpoint.project(vertices, self.width, self.height) for vertices, _, _ in meshes]
-        if not all(np.isfinite(part).all() for part in pixels):
+        # merged: each node costs milliseconds
+        starts = np.cumsum([0, *(len(vertices) for vertices, _, _ in meshes)])
+        world = np.concatenate([np.asarray(vertices, float) for vertices, _, _ in meshes])
+        triangles = np.concatenate(
+            [np.asarray(faces, np.int64) + start for (_, faces, _), start in zip(meshes, starts, strict=False)]
+        )
+        colours = np.repeat([colour for _, _, colour in meshes], np.diff(starts), axis=0)
+        if not np.isfinite(world).all():
             raise ValueError("a mesh has vertices that are not finite")
-        box = self._box(np.concatenate(pixels))
-        factor = self.supersample
-        left, top, right, bottom = box
+        seen = viewpoint.look(world) * _TO_GL
+        factor, box = self.supersample, self._box(viewpoint.project(world, self.width, self.height))
         fine = self._surface.draw(
-            np.concatenate(positions),
-            np.concatenate(colours),
-            np.concatenate(triangles),
+            seen,
+            lit(vertex_normals(seen, triangles), colours),
+            triangles,
             viewpoint.margin,
-            (left * factor, top * factor, right * factor, bottom * factor),
+            (box[0] * factor, box[1] * factor, box[2] * factor, box[3] * factor),
         )
         return _reduced(fine, factor), box
 

@@ -1,10 +1,15 @@
-"""Pictures of one solid behind another, with known truth: what each covers, what of it is seen, and which lies in front."""
+"""Pictures of one solid behind another, with known truth: what each covers, what of it is seen, and which lies in front.
+
+`python -m symseek.scenes.still_life` writes the image and the truth of the scene `pear_potato` anew.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
+from PIL import Image
 
 from ..sim.camera import Camera
 from . import raster, shapes
@@ -15,6 +20,8 @@ from .synthetic import _mean_radius as mean_radius
 FRONT = ("egg", "pear", "peanut", "squash", "bent")
 HIDDEN = 0.05, 0.35
 """Share of the back solid's silhouette that the front one covers."""
+SHIPPED = 10
+"""Seed of the scene `pear_potato`."""
 COARSE = 128
 """Side of the picture in which solids are placed [px]."""
 
@@ -157,3 +164,21 @@ def _gap(outlines: list, way: np.ndarray, share: float) -> float:
         more = np.minimum(back, cover(0, way * middle)).sum() > share * back.sum()
         near, far = (middle, far) if more else (near, middle)
     return (near + far) / 2
+
+
+def write(folder: Path) -> None:
+    """Write pear_potato.jpg and truth.npz: of both solids axis, radius, length, volume and whole coverage (of 255)."""
+    life = make(SHIPPED, kinds=("egg", "pear"))
+    folder.mkdir(parents=True, exist_ok=True)
+    picture = Image.fromarray(np.uint8(np.round(255 * life.image)))
+    picture.save(folder / "pear_potato.jpg", quality=92, subsampling=0)
+    arrays = {}
+    for name, sample in (("potato", life.front), ("pear", life.back)):
+        arrays[f"{name}_coverage"] = np.uint8(np.round(255 * sample.coverage))
+        for key in ("spine", "radius", "length", "volume"):
+            arrays[f"{name}_{key}"] = getattr(sample, key)
+    np.savez_compressed(folder / "truth.npz", **arrays)
+
+
+if __name__ == "__main__":
+    write(Path(__file__).parent / "pear_potato")

@@ -129,16 +129,19 @@ def render(
     ambient: float = 0.6,
     gloss: float = 0.0,
     samples: int = 2,
+    camera: Camera | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Lambert's shading of a smooth mesh seen along Z, and how much of each pixel it covers, float32 (H, W).
+    """Lambert's shading of a smooth mesh, and how much of each pixel it covers, float32 (H, W); seen along Z by default.
 
     Shading is the mean over the part of the pixel that is covered, by samples x samples points a pixel;
     coverage counts 8 x 8. `light` (3,) points towards the light; `gloss` adds a highlight of that strength.
     """
     normals = vertex_normals(vertices, faces)
-    front = faces[_face_normals(vertices, faces)[:, 2] < 0]
-    points = vertices[:, :2]
-    seen = raster.visible(points, vertices[:, 2], front, shape, samples)
+    points, depth = vertices[:, :2], vertices[:, 2]
+    if camera is not None:
+        points, depth = camera.project(vertices), camera.distance(vertices)
+    front = faces[_turn(points, faces) < 0]
+    seen = raster.visible(points, depth, front, shape, samples)
     row, column, face, weight = raster.barycentric(points, front, seen, samples)
     n = np.einsum("kc,kcd->kd", weight, normals[front[face]])
     n /= np.sqrt(np.einsum("kd,kd->k", n, n))[:, None]
@@ -168,6 +171,13 @@ def _face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Normals (F, 3), twice the faces' areas long."""
     a, b, c = np.moveaxis(vertices[faces], 1, 0)
     return np.cross(b - a, c - a)
+
+
+def _turn(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Twice the signed area of each face in the image, shape (F,): below 0 where it turns its outside to the viewer."""
+    a, b, c = np.moveaxis(points[faces], 1, 0)
+    u, v = b - a, c - a
+    return u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
 
 
 def volume(vertices: np.ndarray, faces: np.ndarray) -> float:

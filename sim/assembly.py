@@ -18,6 +18,7 @@ from .model import Model
 from .neighbours import foregrounds
 from .potential import Potential, ScaleSpace
 from .problem import Settings, Tube, View
+from .sights import common_axis, pixel_size, spread
 from .solvers.base import end_mass
 from .spring import Held, Springs
 
@@ -27,22 +28,35 @@ HOLD = 1e-5
 """Stiffness of the springs that keep rings where they were dealt: enough that they come to rest, no more."""
 
 
-def maps_of(views: list[View], tubes: list[Tube]) -> list[Foreground]:
-    """The foreground map of each tube in the first view."""
-    view = views[0]
-    spines = [np.asarray(tube.spine, float) for tube in tubes]
-    flat = [spine if spine.shape[1] == 2 else view.camera.project(spine) for spine in spines]
-    depths = [
-        tube.depth if spine.shape[1] == 2 else float(view.camera.distance(spine).mean())
-        for spine, tube in zip(spines, tubes, strict=True)
-    ]
-    return foregrounds(view, flat, [tube.not_here for tube in tubes], depths)
+def maps_of(views: list[View], tubes: list[Tube]) -> list[list[Foreground]]:
+    """The foreground maps of each tube, one for each view; marks are of the first."""
+    given = [np.asarray(tube.spine, float) for tube in tubes]
+    maps = []
+    for v, view in enumerate(views):
+        world = [
+            lift(spine, views[0].camera, tube.depth) if v > 0 and spine.shape[1] == 2 else spine
+            for spine, tube in zip(given, tubes, strict=True)
+        ]
+        flat = [spine if spine.shape[1] == 2 else view.camera.project(spine) for spine in world]
+        depths = [
+            tube.depth if spine.shape[1] == 2 else float(view.camera.distance(spine).mean())
+            for spine, tube in zip(world, tubes, strict=True)
+        ]
+        maps.append(foregrounds(view, flat, [tube.not_here if v == 0 else None for tube in tubes], depths))
+    return [list(row) for row in zip(*maps, strict=True)]
+
+
+def _of_view(settings: Settings, row: list[Foreground], map_: Foreground) -> Settings:
+    """Settings whose sigmas, which are in pixels of the first view, are in those of the map's view."""
+    if settings.sigmas is None:
+        return settings
+    return dataclasses.replace(settings, sigmas=tuple(s * map_.half_width / row[0].half_width for s in settings.sigmas))
 
 
 class Assembly(Fabric):
     """Scale spaces, model and state of some tubes; world units outside, initial spine lengths of the first within."""
 
-    def __init__(self, views: list[View], tubes: list[Tube], settings: Settings, device: str, maps: list[Foreground]):
+    def __init__(self, views: list[View], tubes: list[Tube], settings: Settings, device: str, maps: list[list[Foreground]]):
         self.views, self.maps = views, maps
         camera = views[0].camera
         spines = [np.asarray(tube.spine, float) for tube in tubes]
@@ -50,14 +64,18 @@ class Assembly(Fabric):
             lift(spine, camera, tube.depth) if spine.shape[1] == 2 else spine
             for spine, tube in zip(spines, tubes, strict=True)
         ]
-        self.spaces = [ScaleSpace(views[0], camera, map_, settings) for map_ in maps]
+        self.spaces = [
+            [ScaleSpace(view, view.camera, m, _of_view(settings, row, m)) for view, m in zip(views, row, strict=True)]
+            for row in maps
+        ]
         self.lengths = [length_of(axis_curve(a)) for a in self.axes]
-        sizes = [int(np.prod(s.shape)) for s in self.spaces]
-        self.sample_start = np.concatenate([[0], np.cumsum(sizes)])
+        sizes = [int(np.prod(s.shape)) for row in self.spaces for s in row]
+        self.sample_start = np.concatenate([[0], np.cumsum(sizes)])[:-1].reshape(len(tubes), len(views))
         self.hidden: list[list[Hidden | None]] = [[None] * len(views) for _ in tubes]
         model = Model([t.grid for t in tubes], [t.material.closed for t in tubes], len(views), sum(sizes), device)
         super().__init__(model, tubes, settings, device, self.lengths[0], axis_curve(self.axes[0]).mean(axis=0))
         self.model.set_cameras([self._own_camera(v.camera) for v in views])
+        self._look()
         self.model.image_load[:] = settings.gain * LINE_LOAD
         self._start()
         own = self._own_camera(camera)
@@ -77,9 +95,11 @@ class Assembly(Fabric):
         tube_flat, spine_flat = np.zeros((self.model.nodes, 3)), np.zeros((self.model.rings, 3))
         for k, tube in enumerate(self.tubes):
             carried = self._carried_on(k)
+            if len(self.views) > 1:
+                self.axes[k] = carried
             breaks = [dataclasses.replace(b, at=self._share(b.at, carried)) for b in tube.breaks]
             self.weights.breaks[k] = breaks
-            radius = tube.radius or 0.5 * self.maps[k].half_width * self._pixel(k)
+            radius = tube.radius or self._radius(k)
             axis, where = (carried - self.origin) / self.unit, marks(breaks, tube.grid[1])
             nodes, spine = initial_tube(axis, radius / self.unit, tube.grid, tube.material.closed, where)
             tube_flat[self.model.nodes_of(k)] = nodes.transpose(1, 0, 2).reshape(-1, 3)
@@ -95,16 +115,37 @@ class Assembly(Fabric):
         gap = self.views[0].camera.project(fine) - np.asarray(at, float)
         return float((gap**2).sum(axis=1).argmin() / (len(fine) - 1))
 
-    def _pixel(self, k: int) -> float:
-        """World length of a pixel of the first view at the middle of object k's axis."""
-        camera, middle, step = self.views[0].camera, self.axes[k].mean(axis=0), 1e-3 * self.unit
-        return step / np.linalg.norm(camera.project(middle + step * np.eye(3)) - camera.project(middle), axis=1).max()
+    def _pixel(self, k: int, v: int) -> float:
+        """World length of a pixel of view v at the middle of object k's axis."""
+        return pixel_size(self.views[v].camera, self.axes[k].mean(axis=0), 1e-3 * self.unit)
+
+    def _radius(self, k: int) -> float:
+        """Of the first tube: half of how wide the maps' object is."""
+        return float(np.mean([0.5 * m.half_width * self._pixel(k, v) for v, m in enumerate(self.maps[k])]))
+
+    def _look(self) -> None:
+        """Shares the pull on each tube out over the views, by the areas of their pixels."""
+        pixels = np.array([[self._pixel(k, v) for v in range(len(self.views))] for k in range(len(self.tubes))])
+        self.share = (pixels.min(axis=1, keepdims=True) / pixels) ** 2
+
+    def _spread(self) -> None:
+        """Writes how each ring's pull is spread over directions, by where it is now; and whose depth the views tell."""
+        if len(self.views) == 1 or self.settings.force == "paper":
+            return
+        where = self.state.spine.numpy() * self.unit + self.origin
+        sights = np.stack([view.camera.sight(where) for view in self.views], axis=1)
+        by_node, by_ring, told = spread(sights, self.share[self.model.host_ring_tube])
+        self.model.spread.assign(by_node.astype(np.float32))
+        self.model.boost.assign(by_ring.astype(np.float32))
+        self.weights.told = [bool(told[self.model.rings_of(k)].all()) for k in range(len(self.tubes))]
 
     def _carried_on(self, k: int) -> np.ndarray:
         """The rough axis in the world, as far as the map's object reaches; straight beyond its own ends."""
         if self.settings.potential != "map":
             return self.axes[k]
-        camera, flat = self.views[0].camera, self.maps[k].axis
+        if len(self.views) > 1:
+            return common_axis(self.axes[k], [view.camera for view in self.views], [m.axis for m in self.maps[k]])
+        camera, flat = self.views[0].camera, self.maps[k][0].axis
         axis = axis_curve(self.axes[k])
         long = np.concatenate([2 * axis[0] - axis[::-1], axis, 2 * axis[-1] - axis[::-1]])
         gap = flat[:, None] - camera.project(long)[None]
@@ -172,32 +213,39 @@ class Assembly(Fabric):
         return float(max(across, np.linalg.norm(way[ends], axis=1).max(initial=0.0)))
 
     def _seen(self, nodes: np.ndarray) -> np.ndarray:
-        """Which nodes, shape (N, 3), own units, lie in the first view's image."""
-        h, w = self.views[0].image.shape[:2]
-        points = self._own_camera(self.views[0].camera).project(nodes)
-        return np.all((points >= -0.5) & (points <= [w - 0.5, h - 0.5]), axis=1)
+        """Which nodes, shape (N, 3), own units, lie in the image of any view."""
+        seen = np.zeros(len(nodes), bool)
+        for view in self.views:
+            h, w = view.image.shape[:2]
+            points = self._own_camera(view.camera).project(nodes)
+            seen |= np.all((points >= -0.5) & (points <= [w - 0.5, h - 0.5]), axis=1)
+        return seen
 
-    def set_potentials(self, potentials: list[Potential]) -> None:
-        """Hands the potentials of one scale to the kernels, one for each tube."""
+    def set_potentials(self, potentials: list[list[Potential]]) -> None:
+        """Hands the potentials of one scale to the kernels, one for each tube and view."""
         samples = np.zeros((len(self.model.samples), 4), np.float32)
         fields = []
-        last = [float(n - 1) for n in self.views[0].image.shape[1::-1]]
-        for k, p in enumerate(potentials):
-            h, w = p.magnitude.shape
-            start = int(self.sample_start[k])
-            hidden = self.hidden[k][0]
-            shown = p.samples if hidden is None else hidden.seen_of(p, self.maps[k])
-            samples[start : start + h * w] = shown.reshape(-1, 4)
-            f = image_kernels.Field()
-            f.start, f.width, f.height = start, w, h
-            f.x0, f.y0, f.step, f.sigma = *p.origin, p.step, p.sigma
-            f.first, f.last = wp.vec2(0.0, 0.0), wp.vec2(*last)
-            # contour length counts in lengths of the tube's own spine
-            f.gain = self.settings.gain * LINE_LOAD * self.unit / self.lengths[k]
-            if self.settings.force == "paper":
-                # the chain rule of (11) yields px a length where a displacement is a length a px
-                f.gain *= (self._pixel(k) / self.unit) ** 2
-            fields.append([f])
+        for k, row in enumerate(potentials):
+            for v, p in enumerate(row):
+                h, w = p.magnitude.shape
+                start = int(self.sample_start[k, v])
+                hidden = self.hidden[k][v]
+                shown = p.samples if hidden is None else hidden.seen_of(p, self.maps[k][v])
+                samples[start : start + h * w] = shown.reshape(-1, 4)
+                f = image_kernels.Field()
+                f.start, f.width, f.height = start, w, h
+                f.x0, f.y0, f.step, f.sigma = *p.origin, p.step, p.sigma
+                height, width = self.views[v].image.shape[:2]
+                f.first, f.last = wp.vec2(0.0, 0.0), wp.vec2(float(width - 1), float(height - 1))
+                # contour length counts in lengths of the tube's own spine
+                f.gain = self.settings.gain * LINE_LOAD * self.unit / self.lengths[k]
+                if self.settings.force == "paper":
+                    # the chain rule of (11) yields px a length where a displacement is a length a px
+                    f.gain *= (self._pixel(k, v) / self.unit) ** 2 / len(row)
+                else:
+                    f.gain *= self.share[k, v]
+                fields.append(f)
         self.model.samples.assign(samples)
-        host = wp.array([f[0] for f in fields], dtype=image_kernels.Field, device="cpu").numpy()
-        self.model.fields.assign(host.reshape(len(potentials), 1))
+        host = wp.array(fields, dtype=image_kernels.Field, device="cpu").numpy()
+        self.model.fields.assign(host.reshape(len(potentials), len(self.views)))
+        self._spread()

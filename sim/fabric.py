@@ -25,7 +25,7 @@ class Fabric:
     ):
         self.model, self.tubes, self.settings, self.device = model, tubes, settings, device
         self.state = State(model)
-        self.weights = Weights(model, [t.material for t in tubes], [t.breaks for t in tubes], model.views)
+        self.weights = Weights(model, [t.material for t in tubes], [t.breaks for t in tubes])
         self.springs = Springs([], np.zeros(0), device)
         self.unit, self.origin, self.time = unit, np.zeros(3) + origin, 0.0
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warp as wp
 
-from ..kernels import contour, coupling, elastic, pole, rim
+from ..kernels import contour, coupling, depth, elastic, pole, rim
 from .model import Model, State
 
 
@@ -89,6 +89,9 @@ def add_forces(model: Model, state: State, contour_kind: str, literal: bool, tau
         outputs=[s.spine_force],
         device=m.device,
     )
+    sums = [m.ring_tube, m.ring_node, m.tube_nx]
+    if m.views > 1:
+        wp.launch(depth.ring_sums, m.rings, inputs=[*sums, s.force], outputs=[s.pull], device=m.device)
     for view in range(m.views):
         wp.launch(
             contour.normals,
@@ -97,14 +100,14 @@ def add_forces(model: Model, state: State, contour_kind: str, literal: bool, tau
             outputs=[s.normal, s.facing],
             device=m.device,
         )
-        potentials = [m.eyes, m.fields[:, view], m.samples]
+        potentials = [m.eyes, m.fields[:, view], m.samples, m.spread]
         pictures = [*potentials, s.tube, s.normal, s.facing, view, int(literal)]
         wp.launch(
             pole.pole_force,
             2 * m.tubes,
             inputs=[
                 m.tube_node, m.tube_ring, m.tube_nx, m.tube_ns, m.ring_closed, *potentials,
-                s.tube, s.spine, s.facing, view,
+                s.tube, s.spine, s.facing, view, m.views,
             ],
             outputs=[s.force],
             device=m.device,
@@ -135,3 +138,5 @@ def add_forces(model: Model, state: State, contour_kind: str, literal: bool, tau
                 outputs=[s.force],
                 device=m.device,
             )
+    if m.views > 1:
+        wp.launch(depth.deepen, m.rings, inputs=[*sums, m.boost, s.pull, s.tangent], outputs=[s.force], device=m.device)

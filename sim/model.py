@@ -69,6 +69,7 @@ class Model:
         eyes: cameras in each tube's units, shape (V,) (see `set_cameras`).
         fields: potential of each tube in each view, shape (K, V).
         samples: all potentials' samples, (pull column, pull row, pressure, pressure at a pole) [px].
+        spread, boost: of what views pull a ring by over directions, by node and by ring (`sights.spread`), shape (R,).
     """
 
     def __init__(self, grids: list[tuple[int, int]], closed: list[bool], views: int, samples: int, device: str):
@@ -134,6 +135,8 @@ class Model:
         self.eyes = wp.zeros(max(views, 1), dtype=projection.Eye, device=device)  # pyright: ignore
         self.fields = wp.zeros((self.tubes, views), dtype=image.Field, device=device)  # pyright: ignore
         self.samples = wp.zeros(samples, dtype=wp.vec4, device=device)
+        self.spread = wp.full(self.rings, wp.mat33(*np.eye(3).ravel()), dtype=wp.mat33, device=device)
+        self.boost = wp.zeros(self.rings, dtype=wp.mat33, device=device)
 
     def nodes_of(self, k: int) -> slice:
         """Nodes of tube k in the flat arrays."""
@@ -191,7 +194,7 @@ class State:
         self.force, self.spine_force = vectors(model.nodes), vectors(model.rings)
         self.normal, self.facing = vectors(model.nodes), scalars(model.nodes)
         self.natural_bend, self.tension = vectors(model.rings), vectors(model.rings)
-        self.centroid, self.tangent, self.tilt = (vectors(model.rings) for _ in range(3))
+        self.centroid, self.tangent, self.tilt, self.pull = (vectors(model.rings) for _ in range(4))
         self.radius, self.gap, self.held = (scalars(model.rings) for _ in range(3))
         self.delta, self.low = vectors(model.nodes), vectors(4 * model.rings)
         self.residual, self.power = scalars(model.rings), scalars(model.rings)

@@ -43,13 +43,16 @@ def foregrounds(
         [j for j in range(len(axes)) if j != k and np.all(np.maximum(boxes[j][0], box[0]) < np.minimum(boxes[j][1], box[1]))]
         for k, box in enumerate(boxes)
     ]
+    covers: dict[int, np.ndarray] = {}  # of what lies in front, by the nearest first
     for k in sorted(range(len(axes)), key=lambda k: depths[k]):
         if not near[k]:
             continue
         ahead = [j for j in near[k] if depths[j] < depths[k]]
         hides = np.zeros(view.image.shape[:2], bool)
         for j in ahead:
-            hides |= maps[j].in_image(view.image.shape[:2]) > 0.5
+            if j not in covers:
+                covers[j] = maps[j].in_image(view.image.shape[:2]) > 0.5
+            hides |= covers[j]
         ignore = ndimage.binary_dilation(hides, iterations=round(RIM)) if hides.any() else hides
         if view.ignore is not None:
             ignore = ignore | view.ignore
@@ -117,7 +120,7 @@ def _carried_width(wide: np.ndarray, seen: np.ndarray, line: np.ndarray) -> np.n
     out = np.interp(arc, arc[where], wide[where])
     for last, beyond in ((where[0], slice(None, where[0])), (where[-1], slice(where[-1] + 1, None))):
         near = where[np.abs(arc[where] - arc[last]) < wide[last]]
-        if len(near) > 2 and wide[last] > 0:
+        if len(near) > 2 and np.ptp(arc[near]) > 0 and wide[last] > 0:
             slope = np.polyfit(np.abs(arc[near] - arc[last]), wide[near], 1)[0]
             way = np.abs(arc[beyond] - arc[last]) / wide[last]
             out[beyond] = wide[last] * np.maximum(1 - slope * (1 - np.exp(-way)), LEAST)

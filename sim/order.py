@@ -26,7 +26,8 @@ SIGMA, ASIDE, DEEP = 1.5, 0.06, 0.36
 """Smoothing of edges [samples]; how far beside an outline they are looked for, and depth from which a point of an outline
 inside the other object counts in full, in half widths."""
 DISC, GROUND, SLIVER = 0.3, 0.05, 3
-"""Radius of a junction's disc [half widths], least share of it that is background, half width of gaps that are none."""
+"""Radius of a junction's disc [half widths]; least share of it that is background, most that both claim; half width of gaps
+that are no background [samples]."""
 TOUCH = 0.5
 """Length along which two objects must touch for their order to matter [smaller half width]."""
 PLAIN = 0.1

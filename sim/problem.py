@@ -44,6 +44,8 @@ class Tube:
     not_here: np.ndarray | None = None
     """marks by the user that the object is not here, shape (k, 2), image points (column, row)."""
     springs: tuple[Spring, ...] = ()
+    figure: str | None = None
+    """what it is a part of: tubes of one figure are united into one solid."""
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 import warp as wp
 
-from ..kernels import contour, coupling, elastic, integrate, pole, spring
+from ..kernels import contour, coupling, depth, elastic, integrate, pole, spring
 from .assembly import Assembly, maps_of
 from .material import Weight
 from .order import in_order, tell
@@ -115,7 +115,7 @@ def reconstruct(
     they fit the caches and threads share them out. The bits do not depend on how many threads there are.
 
     Args:
-        views: the images; one for now.
+        views: the images, taken at one time by cameras in one world.
         tubes: rough axes and materials.
         settings: of the solver; the result holds them with the scheme that "auto" chose.
         device: Warp device.
@@ -142,7 +142,8 @@ def reconstruct(
     tubes, found = in_order(views[0], tubes)
     maps = maps_of(views, tubes)
     lap("map")
-    for module in (elastic, coupling, contour, pole, integrate, *[spring] * any(tube.springs for tube in tubes)):
+    several, held = [depth] * (len(views) > 1), [spring] * any(tube.springs for tube in tubes)
+    for module in (elastic, coupling, contour, pole, integrate, *several, *held):
         wp.load_module(module, device=device)
     shares = [[k] for k in range(len(tubes))] if device == "cpu" else [list(range(len(tubes)))]
     threads = min(threads or os.cpu_count() or 1, len(shares))
@@ -158,11 +159,11 @@ def reconstruct(
         lap("solve")
         seconds["potential"], seconds["solve"] = waited, seconds["solve"] - waited
         objects = [o for finished in pool.map(_finished, parts) for o in finished]
-    for o, depth in zip(objects, found, strict=True):
-        tell(o, depth)
+    for o, order in zip(objects, found, strict=True):
+        tell(o, order)
     lap("measure")
     h, w = views[0].image.shape[:2]
-    foreground = maps[0].in_image((h, w)) if settings.potential == "map" else None
+    foreground = maps[0][0].in_image((h, w)) if settings.potential == "map" else None
     settings = replace(settings, scheme=parts[0].loop.solver.name)
     return Result(objects, parts[0].pictures, foreground, seconds, settings)
 
@@ -214,6 +215,6 @@ def _run(
 def _finished(part: Relaxation) -> list[ObjectResult]:
     part.snapshot()
     return [
-        finish(part.scene, k, potential, thinned(part.history[k]), part.iteration, part.converged, part.diverged)
-        for k, potential in enumerate(part.potentials)
+        finish(part.scene, k, potentials, thinned(part.history[k]), part.iteration, part.converged, part.diverged)
+        for k, potentials in enumerate(part.potentials)
     ]

@@ -50,7 +50,7 @@ class Relaxation:
         done: nothing is left to do; then `converged` (at rest at the finest scale) or `diverged` may hold.
         history: snapshots of each tube, see `ObjectResult`.
         pictures: of the first tube's potential at each scale.
-        potentials: in force, one for each tube.
+        potentials: in force, one for each tube and view.
         waited: seconds in which it could not go on for want of a potential.
 
     Args:
@@ -63,14 +63,16 @@ class Relaxation:
 
     def __init__(self, scene: Assembly, pool: Executor):
         self.scene, self._pool = scene, pool
-        lists = [space.sigmas for space in scene.spaces]
-        self.stages = max(map(len, lists))
-        self._sigmas = [[x[max(0, len(x) - self.stages + stage)] for x in lists] for stage in range(self.stages)]
-        self.stage, self.sigma, self.iteration, self.residual = 0, self._sigmas[0][0], 0, float("inf")
+        lists = [[space.sigmas for space in row] for row in scene.spaces]
+        self.stages = max(len(x) for row in lists for x in row)
+        self._sigmas = [
+            [[x[max(0, len(x) - self.stages + stage)] for x in row] for row in lists] for stage in range(self.stages)
+        ]
+        self.stage, self.sigma, self.iteration, self.residual = 0, self._sigmas[0][0][0], 0, float("inf")
         self.done, self.converged, self.diverged = False, False, False
         self.history: list[list] = [[] for _ in scene.tubes]
         self.pictures: list[PotentialPicture] = []
-        self.potentials: list[Potential] = []
+        self.potentials: list[list[Potential]] = []
         self.waited = 0.0
         self._ahead = self._made(0)
         with HOST:
@@ -113,7 +115,8 @@ class Relaxation:
         """Ends the run where it is."""
         self.done = True
         for made in self._ahead:
-            made.cancel()
+            for one in made:
+                one.cancel()
 
     def pull(self, k: int, spring: Spring) -> int:
         """Ties a spring to tube k or sets a volcano, from this iteration on, or from `spring.start`; a run at rest goes on.
@@ -151,24 +154,24 @@ class Relaxation:
     def snapshot(self) -> None:
         """Remembers where every tube is."""
         for k, states in enumerate(self.history):
-            states.append((*self.scene.world(k), self._sigmas[self.stage][k], list(self.scene.weights.cuts[k])))
+            states.append((*self.scene.world(k), self._sigmas[self.stage][k][0], list(self.scene.weights.cuts[k])))
 
-    def _made(self, stage: int) -> list[Future[Potential]]:
+    def _made(self, stage: int) -> list[list[Future[Potential]]]:
         """Potentials of a scale, under way."""
         return [
-            self._pool.submit(space.at, sigma, stage == self.stages - 1)
-            for space, sigma in zip(self.scene.spaces, self._sigmas[stage], strict=True)
+            [self._pool.submit(space.at, s, stage == self.stages - 1) for space, s in zip(*pair, strict=True)]
+            for pair in zip(self.scene.spaces, self._sigmas[stage], strict=True)
         ]
 
     def _begin(self) -> None:
         """Sets the scale in force."""
         scene, s = self.scene, self.scene.settings
         clock = time.perf_counter()
-        self.potentials = [made.result() for made in self._ahead]
+        self.potentials = [[one.result() for one in made] for made in self._ahead]
         self.waited += time.perf_counter() - clock
         self._ahead = [] if self.last else self._made(self.stage + 1)
-        self.pictures.append(self.potentials[0].picture)
-        self.sigma = self._sigmas[self.stage][0]
+        self.pictures.append(self.potentials[0][0].picture)
+        self.sigma = self._sigmas[self.stage][0][0]
         with HOST:
             scene.set_potentials(self.potentials)
             if self.stage > 0:
@@ -177,7 +180,7 @@ class Relaxation:
             if self.last:
                 scene.hold_rings()
             scene.hold_depth()
-            self.loop.set_material(max(LEAST_SHARE, (self.sigma / self._sigmas[0][0]) ** 2))
+            self.loop.set_material(max(LEAST_SHARE, (self.sigma / self._sigmas[0][0][0]) ** 2))
             self.loop.hold_springs(self.iteration)
             scene.stand_still()
             self._start = scene.positions(), scene.time

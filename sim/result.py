@@ -30,6 +30,18 @@ FOLDED = 0.25
 """Relative difference of the mesh's volume from that of its rings, beyond which the tube must have folded."""
 
 
+@dataclass(frozen=True)
+class Seen:
+    """An object's occluding contour in one view."""
+
+    contour: list[np.ndarray]
+    """its pieces, shape (n, 2) each, image px."""
+    support: list[np.ndarray]
+    """for each piece, which points image data supports, shape (n,), bool."""
+    hidden: list[np.ndarray]
+    """for each piece, which points another object hides, shape (n,), bool."""
+
+
 @dataclass
 class ObjectResult:
     """One reconstructed object, in world units."""
@@ -45,12 +57,8 @@ class ObjectResult:
     """of the smooth watertight surface, shape (V, 3)."""
     faces: np.ndarray
     """shape (F, 3), outward."""
-    contour: list[np.ndarray]
-    """pieces of the occluding contour in the first view, shape (n, 2) each, image px."""
-    support: list[np.ndarray]
-    """for each piece, which points image data supports, shape (n,), bool."""
-    hidden: list[np.ndarray]
-    """for each piece, which points another object hides, shape (n,), bool."""
+    seen: list[Seen]
+    """its contour in each view."""
     measures: dict[str, Any]
     history: list[tuple[np.ndarray, np.ndarray, float, list[Cut]]]
     """tube (N_x, N_s, 3), spine (N_s, 3), sigma [px] and the tube's discontinuities, from the first tube to the last."""
@@ -60,6 +68,21 @@ class ObjectResult:
     converged: bool = True
     trusted: bool = True
     warnings: list[str] = field(default_factory=list)
+
+    @property
+    def contour(self) -> list[np.ndarray]:
+        """`Seen.contour` of the first view."""
+        return self.seen[0].contour
+
+    @property
+    def support(self) -> list[np.ndarray]:
+        """`Seen.support` of the first view."""
+        return self.seen[0].support
+
+    @property
+    def hidden(self) -> list[np.ndarray]:
+        """`Seen.hidden` of the first view."""
+        return self.seen[0].hidden
 
 
 @dataclass
@@ -77,7 +100,7 @@ class Result:
 def finish(
     scene: Assembly,
     k: int,
-    potential: Potential,
+    potentials: list[Potential],
     history: list,
     iterations: int,
     converged: bool,
@@ -88,7 +111,7 @@ def finish(
     Args:
         scene: with the final state.
         k: which object.
-        potential: its finest one.
+        potentials: its finest ones, one for each view.
         history: snapshots, see `ObjectResult`.
         iterations: done.
         converged: at rest at the finest scale.
@@ -98,26 +121,37 @@ def finish(
     cuts = list(scene.weights.cuts[k])
     vertices, faces = refine(nodes, cuts=cuts)
     measures: dict[str, Any] = shape_measures(nodes, spine, cuts, scene.weights.spine_cuts[k])
-    pieces = occluding_contour(nodes, scene.views[0].camera, cuts)
-    space = scene.spaces[k]
-    inside = space.inside if scene.settings.potential == "map" else np.zeros((0, 0))
-    support = [contour_support(p, n, potential, inside, scene.maps[k].half_width) for p, n in pieces]
-    size = scene.views[0].image.shape[:2]
-    seen = [_in_image(p, size) for p, _ in pieces]
-    hider = scene.hidden[k][0]
-    hidden = [np.zeros(len(p), bool) if hider is None else hider.near(p, potential.sigma) for p, _ in pieces]
-    within = [Support(s.supported[on], s.offset[on]) for s, on in zip(support, seen, strict=True)]
-    measures |= support_measures(within, [h[on] for h, on in zip(hidden, seen, strict=True)])
-    if scene.settings.potential == "map":
-        agreement = map_agreement(nodes, scene.views[0].camera, scene.maps[k], cuts, hider)
-        measures["map_agreement"], measures["map_certainty"] = agreement
-    outside = 1 - float(np.concatenate(seen or [np.zeros(0, bool)]).mean()) if sum(map(len, seen)) else 1.0
-    ends = _in_image(scene.views[0].camera.project(spine[[0, -1]]), size)
-    measures["partial"] = MOST_OUTSIDE < outside < MOST_CUT and not ends.all()
+    seen, supports, hidden, own, ends, left = [], [], [], {}, np.zeros(2, bool), []
+    for v, (view, potential) in enumerate(zip(scene.views, potentials, strict=True)):
+        pieces, size = occluding_contour(nodes, view.camera, cuts), view.image.shape[:2]
+        space, map_, hider = scene.spaces[k][v], scene.maps[k][v], scene.hidden[k][v]
+        inside = space.inside if scene.settings.potential == "map" else np.zeros((0, 0))
+        support = [contour_support(p, n, potential, inside, map_.half_width) for p, n in pieces]
+        on = [_in_image(p, size) for p, _ in pieces]
+        hides = [np.zeros(len(p), bool) if hider is None else hider.near(p, potential.sigma) for p, _ in pieces]
+        within = [Support(s.supported[i], s.offset[i]) for s, i in zip(support, on, strict=True)]
+        unseen = [h[i] for h, i in zip(hides, on, strict=True)]
+        own[view.name] = support_measures(within, unseen)
+        if scene.settings.potential == "map":
+            agreement = map_agreement(nodes, view.camera, map_, cuts, hider)
+            own[view.name] |= dict(zip(("map_agreement", "map_certainty"), agreement, strict=True))
+        seen.append(Seen([p for p, _ in pieces], [s.supported for s in support], hides))
+        supports, hidden = supports + within, hidden + unseen
+        outside = 1 - float(np.concatenate(on or [np.zeros(0, bool)]).mean()) if sum(map(len, on)) else 1.0
+        held = _in_image(view.camera.project(spine[[0, -1]]), size)
+        cut = MOST_OUTSIDE < outside < MOST_CUT and not held.all()
+        left.append((outside, cut))
+        ends |= held
+    measures |= support_measures(supports, hidden)
+    if scene.settings.potential == "map":  # as good as the worst view's
+        measures |= {name: min(m[name] for m in own.values()) for name in ("map_agreement", "map_certainty")}
+    if len(own) > 1:
+        measures["views"] = own
+    measures["partial"] = any(cut for _, cut in left) and not bool(ends.all())
     before = history[-1 - max(1, len(history) // 10)][0]
     moved = float(np.sqrt(((nodes - before) ** 2).sum(axis=2).mean()))
     unrest = not converged and moved > UNREST * max(measures["radius"])
-    doubts = _doubts(measures, outside, iterations, unrest, diverged)
+    doubts = _doubts(measures, any(o > MOST_OUTSIDE and not cut for o, cut in left), iterations, unrest, diverged)
     return ObjectResult(
         name=scene.tubes[k].name,
         tube=nodes[None],
@@ -125,9 +159,7 @@ def finish(
         velocity=scene.velocity(k)[None],
         vertices=vertices,
         faces=faces,
-        contour=[p for p, _ in pieces],
-        support=[s.supported for s in support],
-        hidden=hidden,
+        seen=seen,
         measures=measures,
         history=history,
         cuts=cuts,
@@ -146,7 +178,7 @@ def _in_image(points: np.ndarray, size: tuple[int, ...]) -> np.ndarray:
 
 def _doubts(
     measures: dict[str, Any],
-    outside: float,
+    left: bool,
     iterations: int,
     unrest: bool,
     diverged: bool,
@@ -173,7 +205,7 @@ def _doubts(
             "the object's colours and edges part it poorly from what is around it: check the foreground map, or mark with"
             " not_here or ignore what it must not take"
         )
-    if outside > MOST_OUTSIDE and not measures["partial"]:
+    if left:
         doubts.append("the tube has left the image: what lies beyond the border is a guess")
     station, radius = np.array(measures["station"]), np.array(measures["radius"])
     rings = np.pi * np.trapezoid(radius**2, station)

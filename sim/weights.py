@@ -26,15 +26,17 @@ class Weights:
         share: of the rigidities w2 and w02, which falls with sigma (continuation).
         cuts: discontinuities of each tube and of each spine, lists over tubes.
         stale: whether a material was changed since the last `write`.
+        told: whether the views tell each tube's depth, so that nothing need hold it.
     """
 
-    def __init__(self, model: Model, materials: Sequence[Material], breaks: Sequence[Sequence[Break]], views: int):
-        self.model, self.materials, self.views = model, list(materials), views
+    def __init__(self, model: Model, materials: Sequence[Material], breaks: Sequence[Sequence[Break]]):
+        self.model, self.materials = model, list(materials)
         self.breaks: list[Sequence[Break]] = list(breaks)
         for k, material in enumerate(materials):
             for name in PLACES:
                 check(name, getattr(material, name), model.grids[k])
         self.share, self.stale = 1.0, True
+        self.told = [model.views != 1] * len(materials)
         self.cuts: list[list[Cut]] = [[] for _ in materials]
         self.spine_cuts: list[list[Cut]] = [[] for _ in materials]
         self._host: dict[str, np.ndarray] = {}
@@ -129,7 +131,7 @@ class Weights:
             lap = (2 * np.sin(np.pi / nx) * nx) ** 2
             contraction = _mean(f["w10"]) * lap + _mean(f["w20"]) * lap**2 * (f["C20"] is None)
             f["balance"], f["reaction"] = f["c_balance"] * contraction, f["a"] * f["reaction"]
-            f["depth"] = f["depth"] * (self.views == 1)
+            f["depth"] = f["depth"] * (not self.told[k])
             coupling[rings] = np.stack([f[name] for name in COUPLING], axis=1)
         changed = {name for name, value in fresh.items() if self._assign(name, value)}
         before = self._host.get("coupling", np.full(coupling.shape, np.nan, np.float32))

@@ -79,7 +79,7 @@ class Page:
                 items = session.state.items
                 self.chosen = items[0].uid if items else session.add()
                 self.mouse.listen(self.drawing)
-                self.engine.show(session.view, session.settings(), self._wishes(), fresh=True)
+                self.engine.show(session.views, session.settings(), self._wishes(), fresh=True)
             if restored:
                 self.tell("Brought back", "what you had made of it before; *Start over* takes the file as it is.")
             for client in self.server.get_clients().values():
@@ -131,7 +131,7 @@ class Page:
                 uids = [i.uid for i in self.session.state.items]
                 if self.chosen not in uids:
                     self.chosen = uids[-1] if uids else None
-                self.engine.show(self.session.view, self.session.settings(), self._wishes())
+                self.engine.show(self.session.views, self.session.settings(), self._wishes())
                 self.folder.autosave(self.path, self.session)
 
         self.attempt(do)

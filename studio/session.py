@@ -105,16 +105,24 @@ class Session:
         self._merging: object = None
         stand_in = {**state.top, "object": [{"name": "object", "spine": _STAND_IN}]}
         scene = build(stand_in, base, source)
-        self.view: View = scene.views[0]
+        self.views: list[View] = scene.views
         self.scale, self.name, self._settings = scene.scale, scene.name, scene.settings
-        self._read: dict[str, Any] = {"image": self.view.image}
-        if self.view.ignore is not None:
-            self._read["ignore"] = self.view.ignore.astype(float)
+        masks = [{} if v.ignore is None else {"ignore": v.ignore.astype(float)} for v in scene.views]
+        self._read = [{"image": v.image, **mask} for v, mask in zip(scene.views, masks, strict=True)]
         self._tubes: dict[str, Tube] = {}
         for item in state.items:
             self._check(item)
 
     # reading
+
+    @property
+    def view(self) -> View:
+        """The first one, which is drawn on."""
+        return self.views[0]
+
+    def _views(self, top: Mapping[str, Any]) -> list[dict[str, Any]]:
+        """Tables of the views, with their images as they were read."""
+        return [{**table, **read} for table, read in zip(top["view"], self._read, strict=True)]
 
     def item(self, uid: int) -> Item:
         """Object `uid`.
@@ -156,7 +164,7 @@ class Session:
         if not self.state.items:
             raise SceneError(self.source, "object", "there is none yet", "click points along the axis of one")
         data = {**self.state.top, "object": [dict(item.table) for item in self.state.items]}
-        build({**data, "view": [{**self.state.top["view"][0], **self._read}]}, self.base, self.source)
+        build({**data, "view": self._views(self.state.top)}, self.base, self.source)
         return data
 
     @property
@@ -224,8 +232,9 @@ class Session:
 
     def _built(self, item: Item, top: Mapping[str, Any] | None = None) -> Scene:
         top = top or self.state.top
-        view = {**top["view"][0], **self._read}
-        return build({**top, "view": [view], "object": [{"name": item.name, **item.table}]}, self.base, self.source)
+        return build(
+            {**top, "view": self._views(top), "object": [{"name": item.name, **item.table}]}, self.base, self.source
+        )
 
     # actions
 

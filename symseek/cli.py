@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 DEMOS = Path(__file__).resolve().parent / "scenes"
 DEMO_DEFAULT = "squash"
+MANY = 4
+"""Objects above which the summary has a line for each rather than a column."""
 IMAGES = {".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".npy"}
 
 
@@ -256,11 +258,16 @@ def summary(result: Result) -> str:
             rows[title] = cells
     rows["iterations"] = [f"{o.iterations}{'' if o.converged else ' (not at rest)'}" for o in objects]
     rows["trusted"] = ["yes" if o.trusted else "NO" for o in objects]
-    columns = list(zip(*([title, *cells] for title, cells in rows.items()), strict=True))
-    widths = [max(map(len, column)) for column in columns]
-    lined = zip(*columns, strict=True)
-    table = ["  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in lined]
-    lines = ["", *table, ""]
+    table = [[title, *cells] for title, cells in rows.items()]
+    if len(objects) > MANY:
+        table = list(zip(*table, strict=True))
+    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
+    lined = ["  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in table]
+    lines = ["", *lined, ""]
+    for f in result.figures:
+        solid = "one solid" if len(f.pieces) == 1 else f"NOT one solid, {len(f.pieces)} pieces"
+        lines.append(f"{f.name}: {len(f.tubes)} tubes, {solid}, volume {f.volume:.5g} {unit}^3, area {f.area:.5g} {unit}^2")
+        lines += [f"    {f.name}: {warning}" for warning in f.warnings]
     lines.append("seconds: " + ", ".join(f"{phase} {s:.2f}" for phase, s in result.seconds.items()))
     for o in objects:
         if not o.trusted:
@@ -268,7 +275,9 @@ def summary(result: Result) -> str:
         lines += [f"    {o.name}: {warning}" for warning in o.warnings]
     if result.files:
         folder = result.files[0].parent
-        lines += ["", f"written to {folder}: {', '.join(f.name for f in result.files)}"]
+        names, more = [f.name for f in result.files], len(result.files) - 8 * MANY
+        names = [*names[: 8 * MANY], *([f"and {more} more"] if more > 0 else [])]
+        lines += ["", f"written to {folder}: {', '.join(names)}"]
     return "\n".join(lines)
 
 

@@ -21,6 +21,7 @@ PACKAGES = [
     "threadpoolctl",
     "av",
     "pillow",
+    "manifold3d",
 ]
 
 

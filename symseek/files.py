@@ -2,30 +2,25 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import json
-import math
-import os
-import platform
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from datetime import UTC, datetime
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from . import __version__
-from .doctor import versions
 from .folder import RECORD
+from .record import record_of
 from .render.evolution import Snapshot, evolution_frames
 from .render.export import write_glb, write_ply
 from .render.figures import potentials_sheet, views_sheet
 from .render.files import write_picture
 from .render.lines import Colour
-from .render.overlay import Drawing, draw_overlay
+from .render.overlay import SUPPORTED, Drawing, draw_overlay, side_by_side
 from .render.platform import RenderError
+from .render.stages import Stage, stages_sheet, turning_frames
 from .render.video import write_mp4
 from .scene import METRES
 from .sim.camera import Camera
@@ -40,24 +35,9 @@ if TYPE_CHECKING:
 
 COLOURS = [(226, 142, 52), (86, 160, 211), (122, 182, 72), (204, 102, 153), (230, 200, 80), (150, 130, 205)]
 """sRGB of the objects, in turn."""
-SNAPSHOTS = 90
-"""Most states of the deformation that the video shows."""
+SNAPSHOTS, STATES = (12, 90), 2000
+"""Bounds of how many states of the deformation the video shows; of all objects together."""
 ASTRAY = "the model has grown out of the image"
-FORMS = {
-    "adi": "alternating directions, section 5",
-    "jacobi": "implicit Jacobi, section 5",
-    "euler": "explicit Euler, section 5",
-    "map": "foreground map (ours)",
-    "brightness": "brightness of the image, the paper's (11)",
-    "subnode": "contour between nodes (ours)",
-    "switch": "hard switch on nodes, the paper's (12)",
-    "normalised": "pull normalised by scale and contrast (ours)",
-    "depth": "hidden parts by a depth pass",
-    "rays": "hidden parts by rays",
-    "off": "hidden parts count as seen",
-    "paper": "plain gradient of the potential, the paper's (11)",
-}
-"""What the words of the solver's settings stand for."""
 
 
 def write(result: Result, folder: Path, tell: Callable[[str], None]) -> list[str]:
@@ -88,12 +68,15 @@ def write(result: Result, folder: Path, tell: Callable[[str], None]) -> list[str
         _write_meshes(result, folder)
     phase("meshes", "drawing pictures ...")
     _write_pictures(result, folder)
-    phase("pictures", "rendering the video ..." if want.video else "")
+    phase("pictures", "rendering the video ..." if want.video or want.turning else "")
     if want.video:
         _write_video(result, folder / "reconstruction.mp4")
+    if want.turning and result.objects:
+        _write_turning(result, folder / "turning.mp4")
+    if want.video or want.turning:
         phase("video", "")
     names = [RECORD, *sorted(f.name for f in folder.iterdir())]
-    text = json.dumps(_record(result, names), indent=1, ensure_ascii=False, allow_nan=False)
+    text = json.dumps(record_of(result, names), indent=1, ensure_ascii=False, allow_nan=False)
     (folder / RECORD).write_text(text + "\n", encoding="utf-8")
     return names
 
@@ -126,6 +109,8 @@ def _write_meshes(result: Result, folder: Path) -> None:
             time=np.zeros(len(o.tube)),
             units=np.array(scene.units),
         )
+    for figure, colour in zip(result.figures, _colours(), strict=False):
+        mesh(figure.name, figure.vertices, figure.faces, colour)
     for o, colour in zip(result.lines, _colours(len(result.objects)), strict=False):
         if o.kind == "sheet":
             mesh(o.name, *sheet_mesh(o.nodes[0]), colour)
@@ -137,19 +122,12 @@ def _write_meshes(result: Result, folder: Path) -> None:
 def _write_pictures(result: Result, folder: Path) -> None:
     want, view = result.scene.output, result.scene.views[0]
     solid = [*result.objects, *(o for o in result.lines if o.kind == "sheet")]
-    astray = not all(_in_reach(view, o, -1) for o in [*result.objects, *result.lines])
+    astray = not all(_in_reach(v, o, -1) for v in result.scene.views for o in result.objects)
+    astray |= not all(_in_reach(view, o, -1) for o in result.lines)
     lost = {"overlay": want.overlay and astray, "views": want.views and astray and bool(solid)}
     result.skipped |= {f"{name}.png": ASTRAY for name, left_out in lost.items() if left_out}
     if want.overlay and not astray:
-        drawings = [
-            _drawing(tube, view.camera, o.tube[0], o.spine[0], o.contour, o.support, o.cuts, o.hidden)
-            for tube, o in zip(result.scene.tubes, result.objects, strict=True)
-        ]
-        drawings += [
-            _line_drawing(given, view.camera, o.history[-1], o.contour, o.support)
-            for given, o in zip(result.scene.lines, result.lines, strict=True)
-        ]
-        write_picture(folder / "overlay.png", draw_overlay(view.image, drawings))
+        write_picture(folder / "overlay.png", side_by_side([_overlay(result, v) for v in range(len(result.scene.views))]))
     if want.potentials and result.potentials:
         sheet = potentials_sheet([(p.sigma, p.image) for p in result.potentials])
         write_picture(folder / "potentials.png", sheet)
@@ -167,6 +145,55 @@ def _write_pictures(result: Result, folder: Path) -> None:
         except RenderError as problem:
             result.skipped["views.png"] = str(problem)
 
+    several = len(result.objects) > 1 if want.stages is None else want.stages and bool(result.objects)
+    if several:
+        if not all(_in_reach(view, o, i) for o in result.objects for i in (0, -1)):
+            result.skipped["stages.png"] = ASTRAY
+            return
+        try:
+            write_picture(folder / "stages.png", stages_sheet(view.image, _stages(result), _front(result)))
+        except RenderError as problem:
+            result.skipped["stages.png"] = str(problem)
+
+
+def _stages(result: Result) -> list[Stage]:
+    camera, stages = result.scene.views[0].camera, []
+    for tube, o, colour in zip(result.scene.tubes, result.objects, _colours(), strict=False):
+        given = tube.spine if tube.spine.shape[1] == 2 else camera.project(tube.spine)
+        found = camera.project(o.spine[0])
+        stages.append(Stage(colour, given, found, _mesh(o, 0), _mesh(o, -1), wire(o.tube[0], cuts=o.cuts)))
+    return stages
+
+
+def _write_turning(result: Result, path: Path) -> None:
+    if not all(_in_reach(result.scene.views[0], o, -1) for o in result.objects):
+        result.skipped[path.name] = ASTRAY
+        return
+    count = len(result.objects)
+    meshes = [(*_mesh(o, -1, count), colour) for o, colour in zip(result.objects, _colours(), strict=False)]
+    try:
+        write_mp4(path, turning_frames(meshes, _front(result)), result.scene.output.video_fps)
+    except RenderError as problem:
+        result.skipped[path.name] = str(problem)
+
+
+def _overlay(result: Result, v: int) -> np.ndarray:
+    """View v with all tubes over it, and what is no tube over the first."""
+    view, several = result.scene.views[v], len(result.scene.views) > 1
+    drawings = [
+        _drawing(
+            tube if v == 0 or tube.spine.shape[1] == 3 else None,
+            view.camera, o.tube[0], o.spine[0], o.seen[v].contour, o.seen[v].support, o.cuts, o.seen[v].hidden, colour,
+        )
+        for tube, o, colour in zip(result.scene.tubes, result.objects, _contours(result), strict=False)
+    ]  # fmt: skip
+    drawings += [
+        _line_drawing(given, view.camera, o.history[-1], o.contour, o.support)
+        for given, o in zip(result.scene.lines, result.lines, strict=True)
+        if v == 0
+    ]
+    return draw_overlay(view.image, drawings, legend=v == 0, caption=view.name if several else "")
+
 
 def _write_video(result: Result, path: Path) -> None:
     view, fps = result.scene.views[0], result.scene.output.video_fps
@@ -176,7 +203,7 @@ def _write_video(result: Result, path: Path) -> None:
     if not all(fit):
         result.skipped[path.name] = ASTRAY
         return
-    count = min(SNAPSHOTS, max(map(len, fit)))
+    count = min(max(map(len, fit)), int(np.clip(STATES // len(objects), *SNAPSHOTS)))
     shown = zip(*(np.array(i)[np.rint(np.linspace(0, len(i) - 1, count)).astype(int)] for i in fit), strict=True)
     snapshots = [_snapshot(result, states) for states in shown]
     try:
@@ -188,6 +215,11 @@ def _write_video(result: Result, path: Path) -> None:
 def _colours(first: int = 0) -> Iterator[Colour]:
     """Colours of objects, in turn."""
     return itertools.islice(itertools.cycle(COLOURS), first, None)
+
+
+def _contours(result: Result) -> Iterator[Colour]:
+    """Colours of contours: of objects, in turn, where there are several."""
+    return _colours() if len(result.objects) > 1 else itertools.repeat(SUPPORTED)
 
 
 def _front(result: Result) -> np.ndarray:
@@ -203,13 +235,16 @@ def _in_reach(view: View, o: ObjectResult | LineResult, i: int) -> bool:
     return in_reach(View(view.image) if isinstance(o, LineResult) and o.kind == "snake" else view, nodes)
 
 
-def _mesh(o: ObjectResult | LineResult, i: int) -> tuple[np.ndarray, np.ndarray]:
-    """Mesh of state i of a tube, or of a sheet with both its sides, to be shaded."""
+def _mesh(o: ObjectResult | LineResult, i: int, count: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Mesh of state i of a tube, or of a sheet with both its sides, to be shaded; coarser for a film of many objects."""
     if isinstance(o, LineResult):
         vertices, faces = sheet_mesh(o.history[i][0])
         return np.concatenate([vertices, vertices]), np.concatenate([faces, faces[:, ::-1] + len(vertices)])
     nodes, _, _, cuts = o.history[i]
-    return (o.vertices, o.faces) if i == -1 else refine(nodes, 64, 3 * nodes.shape[1], cuts)
+    if i == -1 and not count:
+        return o.vertices, o.faces
+    around = max(24, 2 * round(32 / max(count, 1) ** 0.25))
+    return refine(nodes, around, 3 * nodes.shape[1] * around // 64, cuts)
 
 
 def in_reach(view: View, nodes: np.ndarray) -> bool:
@@ -224,7 +259,8 @@ def _snapshot(result: Result, states: Sequence[int]) -> Snapshot:
     camera = result.scene.views[0].camera
     objects = [*result.objects, *result.lines]
     drawings = []
-    for given, o, i in zip([*result.scene.tubes, *result.scene.lines], objects, states, strict=True):
+    given_objects = [*result.scene.tubes, *result.scene.lines]
+    for given, o, i, colour in zip(given_objects, objects, states, _contours(result), strict=False):
         if isinstance(o, LineResult):
             assert not isinstance(given, Tube)
             drawings.append(_line_drawing(given, camera, o.history[i], [outline(given, o.history[i][0], camera)], ()))
@@ -232,15 +268,14 @@ def _snapshot(result: Result, states: Sequence[int]) -> Snapshot:
             assert isinstance(given, Tube)
             nodes, spine, _, cuts = o.history[i]
             contour = [points for points, _ in occluding_contour(nodes, camera, cuts)]
-            drawings.append(_drawing(given, camera, nodes, spine, contour, (), cuts))
-    meshes = [
-        _mesh(o, i) for o, i in zip(objects, states, strict=True) if not isinstance(o, LineResult) or o.kind == "sheet"
-    ]
+            drawings.append(_drawing(given, camera, nodes, spine, contour, (), cuts, colour=colour))
+    solid = [(o, i) for o, i in zip(objects, states, strict=True) if not isinstance(o, LineResult) or o.kind == "sheet"]
+    meshes = [_mesh(o, i, len(objects)) for o, i in solid]
     return Snapshot(drawings, meshes, f"sigma {objects[0].history[states[0]][2]:.3g} px")
 
 
 def _drawing(
-    tube: Tube,
+    tube: Tube | None,
     camera: Camera,
     nodes: np.ndarray,
     spine: np.ndarray,
@@ -248,10 +283,11 @@ def _drawing(
     support: Any,
     cuts: Sequence[Cut],
     hidden: Sequence[np.ndarray] = (),
+    colour: Colour = SUPPORTED,
 ) -> Drawing:
-    given = tube.spine if tube.spine.shape[1] == 2 else camera.project(tube.spine)
+    given = None if tube is None else tube.spine if tube.spine.shape[1] == 2 else camera.project(tube.spine)
     wires = [camera.project(line) for line in wire(nodes, cuts=cuts)]
-    return Drawing(wires, contour, support, given, camera.project(spine), hidden=hidden)
+    return Drawing(wires, contour, support, given, camera.project(spine), hidden=hidden, colour=colour)
 
 
 def _line_drawing(given: Snake | Sheet, camera: Camera, state: tuple, contour: Any, support: Any) -> Drawing:
@@ -261,89 +297,3 @@ def _line_drawing(given: Snake | Sheet, camera: Camera, state: tuple, contour: A
         return Drawing((), contour, support, first, line=True, pulls=pulls)
     wires = [camera.project(line) for line in grid_lines(nodes)]
     return Drawing(wires, contour, support, pulls=pulls)
-
-
-def _record(result: Result, names: list[str]) -> dict[str, Any]:
-    scene, settings = result.scene, dataclasses.asdict(result.settings)
-    unit = scene.units
-    objects = {}
-    for tube, o in zip(scene.tubes, result.objects, strict=True):
-        objects[o.name] = {
-            "kind": "tube",
-            "converged": o.converged,
-            "trusted": o.trusted,
-            "warnings": o.warnings,
-            "iterations": o.iterations,
-            **o.measures,
-            "grid": tube.grid,
-            "material": {f.name: getattr(tube.material, f.name) for f in dataclasses.fields(tube.material)},
-            "break": [dataclasses.asdict(b) for b in tube.breaks],
-        }
-    for given, o in zip(scene.lines, result.lines, strict=True):
-        objects[o.name] = {
-            "kind": o.kind,
-            "converged": o.converged,
-            "trusted": o.trusted,
-            "warnings": o.warnings,
-            "iterations": o.iterations,
-            **o.measures,
-            "grid": o.nodes.shape[1:-1],
-            "material": dataclasses.asdict(given.material),
-        }
-    return plain(
-        {
-            "run": {
-                "scene": scene.name,
-                "source": scene.source,
-                "written": datetime.now(UTC).isoformat(timespec="seconds"),
-                "device": result.device,
-                "image": {"width": scene.views[0].image.shape[1], "height": scene.views[0].image.shape[0]},
-                "camera": scene.views[0].camera.matrix,
-            },
-            "versions": {
-                "symseek": __version__,
-                "python": platform.python_version(),
-                **versions(),
-                "opengl": os.environ.get("PYOPENGL_PLATFORM", ""),
-            },
-            "settings": settings,
-            "forms": {key: FORMS[value] for key, value in settings.items() if isinstance(value, str) and value in FORMS},
-            "units": {
-                "world": unit,
-                "scale": f"{scene.scale:g} {unit} per pixel" if scene.views[0].camera.affine else "by the camera",
-                "length": unit,
-                "station": unit,
-                "radius": unit,
-                "area": f"{unit}^2",
-                "volume": f"{unit}^3",
-                "contour_residual_px": "pixels of the image",
-                "asymmetry": "share of the radius",
-                "supported_share": "share of the contour's length that is not hidden",
-                "hidden_share": "share of the contour's length",
-                "map_agreement": "share of silhouette or map",
-                "map_certainty": "share of the map",
-                "partial": "whether an end lies beyond the image",
-                "depth": unit,
-                "depth_certainty": "0 to 1",
-            },
-            "seconds": {name: round(s, 4) for name, s in result.seconds.items()},
-            "objects": objects,
-            "skipped": result.skipped,
-            "files": names,
-        }
-    )
-
-
-def plain(value: Any) -> Any:
-    """A value as JSON knows it: arrays as lists, what is not finite as null, a function as that word."""
-    if isinstance(value, Mapping):
-        return {str(k): plain(v) for k, v in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
-        return plain(value.tolist())
-    if isinstance(value, list | tuple):
-        return [plain(v) for v in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    if callable(value):
-        return "function"
-    return value

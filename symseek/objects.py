@@ -9,7 +9,9 @@ import numpy as np
 
 from .checks import Bounds, Table, is_number, shown
 from .sim.curve import shoelace
+from .sim.initial import lift
 from .sim.problem import Settings, Sheet, SheetMaterial, Snake, SnakeMaterial, Tube, View
+from .sim.sights import spread, triangulated
 from .sim.spring import Spring
 from .weights import breaks_of, material_of
 
@@ -17,12 +19,13 @@ GRID_MIN, GRID_MAX = (8, 6), 512  # around, along
 NODES = (12, 2000)  # of a snake
 SPINE_MIN = 10.0  # px, the whole
 STEP_MIN = 0.1  # px, between any two points
+SEEN = 0.5  # share of the axis that each view's image must hold
 
 LINE_BOUNDS: Bounds = {f.name: (0.0, 1e6) for m in (SnakeMaterial, SheetMaterial) for f in fields(m)}
 
 SHARED_KEYS = ["name", "kind", "material", "not_here", "spring"]
 KINDS = {
-    "tube": ["spine", "radius", "depth", "grid", "break"],
+    "tube": ["spine", "spines", "radius", "depth", "grid", "break", "figure"],
     "snake": ["points", "closed", "nodes"],
     "sheet": ["corners", "depth", "grid", "load", "image"],
 }
@@ -31,13 +34,13 @@ SPRING_KEYS = ["anchor", "point", "near", "stiffness", "reach", "start", "stop"]
 
 
 def build_object(
-    table: Table, view: View, scale: float, default_name: str | None, settings: Settings
+    table: Table, views: list[View], scale: float, default_name: str | None, settings: Settings
 ) -> Tube | Snake | Sheet:
     """One object from its table.
 
     Args:
         table: with the keys OBJECT_KEYS.
-        view: the first one.
+        views: of the scene; what is given in image points is in those of the first.
         scale: world units per pixel.
         default_name: where the table has none; None: it must have one.
         settings: of the solver.
@@ -45,7 +48,7 @@ def build_object(
     Raises:
         SceneError: a value is missing, wrong or out of place.
     """
-    kind = table.text("kind", "tube", choices=KINDS)
+    kind, view = table.text("kind", "tube", choices=KINDS), views[0]
     for key in table.data:
         if key not in (*SHARED_KEYS, *KINDS[kind]):
             owners = " or a ".join(owner for owner, keys in KINDS.items() if key in keys)
@@ -55,7 +58,7 @@ def build_object(
     shared = {"name": name, "not_here": _marks(table, view), "springs": _springs(table, view, kind, settings)}
     if kind == "snake":
         return _snake(table, view, shared)
-    return _sheet(table, view, shared) if kind == "sheet" else _tube(table, view, scale, shared)
+    return _sheet(table, view, shared) if kind == "sheet" else _tube(table, views, scale, shared)
 
 
 def _marks(table: Table, view: View) -> np.ndarray:
@@ -189,13 +192,15 @@ def _grid(table: Table) -> tuple[int, int]:
     return grid[0], grid[1]
 
 
-def _find_depth(table: Table, view: View, in_image: bool) -> bool:
+def _find_depth(table: Table, views: list[View], in_image: bool) -> bool:
     """Whether depth = "auto"."""
     if table.take("depth", 0.0) != "auto":
         return False
     if not in_image:
         table.fail("depth", 'is "auto" beside a spine in world points', "remove it: they have their depth")
-    if not view.camera.affine:
+    if len(views) > 1:
+        table.fail("depth", 'is "auto" beside several views', "give a rough depth: they tell the true one")
+    if not views[0].camera.affine:
         table.fail("depth", 'is "auto" in a perspective view', "give the object's distance along the view's axis")
     return True
 
@@ -211,18 +216,21 @@ def _depth(table: Table, view: View, needed: bool) -> float:
     return depth
 
 
-def _tube(table: Table, view: View, scale: float, shared: dict[str, Any]) -> Tube:
-    radius = None
+def _tube(table: Table, views: list[View], scale: float, shared: dict[str, Any]) -> Tube:
+    radius, view = None, views[0]
     if table.take("radius", None) is not None:
         widest = 0.5 * float(np.hypot(*view.image.shape[:2])) * scale if view.camera.affine else np.inf
         radius = table.number("radius", above=0.0, most=widest)
-    spine, grid = _spine(table, view), _grid(table)
+    spine, grid = _spines(table, views) if "spines" in table else _spine(table, view), _grid(table)
+    figure = table.name("figure") if "figure" in table else None
     height, width = view.image.shape[:2]
-    find_depth = _find_depth(table, view, spine.shape[1] == 2)
+    find_depth = _find_depth(table, views, spine.shape[1] == 2)
     depth = 0.0 if find_depth else _depth(table, view, spine.shape[1] == 2)
+    _all_see(table, views, spine, depth)
     return Tube(
         spine=spine, radius=radius, depth=depth, find_depth=find_depth, grid=grid,
-        material=material_of(table, grid), breaks=breaks_of(table, grid[1], (height, width)), **shared,
+        material=material_of(table, grid), breaks=breaks_of(table, grid[1], (height, width)), figure=figure,
+        **shared,
     )  # fmt: skip
 
 
@@ -254,6 +262,44 @@ def _spine(table: Table, view: View) -> np.ndarray:
     _inside(table, "spine", seen, view.image)
     _unknotted(table, "spine", spine, seen, crossing=wide == 2)
     return spine
+
+
+def _spines(table: Table, views: list[View]) -> np.ndarray:
+    """World points, shape (n, 3), of an axis that is given in two or more views."""
+    if "spine" in table:
+        table.fail("spines", "stands beside spine", "give one of the two")
+    given = table.table("spines", [view.name for view in views])
+    seen = [view for view in views if view.name in given]
+    if len(seen) < 2:
+        names = " and ".join(repr(view.name) for view in views[:2]) if len(views) > 1 else "two views"
+        table.fail("spines", f"holds {len(seen)} axes", f"give the rough axis in two views or more, as {names}")
+    why = "give the rough axis in this view"
+    return triangulated(
+        [_curve(given, view.name, view, False, "a list of [x, y] points", why) for view in seen],
+        [view.camera for view in seen],
+    )
+
+
+def _all_see(table: Table, views: list[View], spine: np.ndarray, depth: float) -> None:
+    """Refuses an axis that a view does not see, and views that together do not tell its depth."""
+    if len(views) == 1:
+        return
+    world, key = spine, "spines" if "spines" in table else "spine"
+    if spine.shape[1] == 2:
+        world = lift(spine, views[0].camera, depth)
+    for view in views:
+        points = _seen(table, key, world, view)
+        height, width = view.image.shape[:2]
+        within = np.all((points >= -0.5) & (points <= np.array([width, height]) - 0.5), axis=1).mean()
+        if within < SEEN:
+            table.fail(
+                key,
+                f"only {within:.0%} of it lies in the image of view {view.name!r}",
+                "check that view's camera, and the axis' depth; give the axis in world points, or in two views as spines",
+            )
+    sights = np.array([[view.camera.sight(world.mean(axis=0)) for view in views]])
+    if not spread(sights, np.ones((1, len(views))))[2][0]:
+        table.fail(key, "is seen from one side only by all views", "give views that look another way, as stereo with alpha")
 
 
 def _seen(table: Table, key: str, points: np.ndarray, view: View) -> np.ndarray:

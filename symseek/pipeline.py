@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,6 +15,7 @@ from .device import prepare
 from .folder import staging
 from .scene import Output, Scene, build, load
 from .sim import reconstruct as still
+from .sim.figure import Figure, figures
 from .sim.material import Material
 from .sim.problem import Settings
 from .sim.snake import LineResult, deform
@@ -34,6 +36,8 @@ class Result(still.Result):
     device: str
     lines: list[LineResult] = dataclasses.field(default_factory=list)
     """snakes and sheets."""
+    figures: list[Figure] = dataclasses.field(default_factory=list)
+    """tubes united, see the scene file's `figure`."""
     files: list[Path] = dataclasses.field(default_factory=list)
     """written last."""
     skipped: dict[str, str] = dataclasses.field(default_factory=dict)
@@ -204,6 +208,7 @@ class DepthPasses:
 def _solve(scene: Scene, device: str, callback: Callback | None, every: int = 1, threads: int | None = None) -> Result:
     prepare(device)
     lines: list[LineResult] = []
+    united: list[Figure] = []
     found = still.Result([], [], None, {}, scene.settings)
     try:
         if scene.tubes:
@@ -211,6 +216,10 @@ def _solve(scene: Scene, device: str, callback: Callback | None, every: int = 1,
                 found = still.reconstruct(scene.views, scene.tubes, scene.settings, device, callback, every, threads, look)
             if look.lacks:
                 found.settings = dataclasses.replace(found.settings, visibility="rays")
+            if any(tube.figure for tube in scene.tubes):
+                began = time.perf_counter()
+                united = figures(scene.tubes, found.objects)
+                found.seconds["unite"] = time.perf_counter() - began
         if scene.lines:
             more = deform(scene.views, scene.lines, scene.settings, device, callback)
             lines = more.objects
@@ -220,4 +229,4 @@ def _solve(scene: Scene, device: str, callback: Callback | None, every: int = 1,
     except ValueError as problem:  # bounds that only the solver knows, as a step too long for the scheme
         raise SceneError(scene.source, "solver", str(problem)) from problem
     found.seconds = {"read": scene.seconds, **found.seconds}
-    return Result(**vars(found), scene=scene, device=device, lines=lines)
+    return Result(**vars(found), scene=scene, device=device, lines=lines, figures=united)

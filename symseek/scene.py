@@ -59,7 +59,11 @@ class Output:
     potentials: bool = True
     """potentials.png and foreground.png."""
     video_fps: int = 30
-    """frames a second."""
+    """frames a second, of both videos."""
+    stages: bool | None = None
+    """stages.png; None: where there are several tubes."""
+    turning: bool = False
+    """turning.mp4: all tubes together, once round."""
 
 
 @dataclass
@@ -148,10 +152,11 @@ def build(data: Mapping[str, Any], base: Path, source: str, name: str = "object"
     top = Table(data, source, "", TOP_KEYS)
     units = top.text("units", "px", choices=METRES)
     tables = top.tables("view", VIEW_KEYS, 'add a [[view]] with image = "photo.jpg"')
-    if len(tables) > 1:
-        top.fail("view", f"there are {len(tables)} views", "this version reconstructs from one; keep the first")
-    scale = _scale(top, units, tables[0])
-    view = _view(tables[0], base, scale)
+    scale = _scale(top, units, tables)
+    views = [_view(table, base, scale, "front" if i == 0 else f"view{i + 1}") for i, table in enumerate(tables)]
+    for i, table in enumerate(tables):
+        if views[i].name in [view.name for view in views[:i]]:
+            table.fail("name", f"{views[i].name!r} stands twice", "give every view a name of its own")
     scene_name = top.name("name", name)
     objects = top.tables(
         "object",
@@ -160,12 +165,15 @@ def build(data: Mapping[str, Any], base: Path, source: str, name: str = "object"
     )
     default_name = scene_name if len(objects) == 1 else None
     settings = top.fields("solver", Settings(), SETTINGS_BOUNDS)
-    built = [build_object(table, view, scale, default_name, settings) for table in objects]
+    built = [build_object(table, views, scale, default_name, settings) for table in objects]
     names = [o.name for o in built]
     for i, table in enumerate(objects):
         if names[i] in names[:i]:
             table.fail("name", f"{names[i]!r} stands twice", "give every object a name of its own")
     tubes = [o for o in built if isinstance(o, Tube)]
+    for table, o in zip(objects, built, strict=True):
+        if isinstance(o, Tube) and o.figure in names:
+            table.fail("figure", f"{o.figure!r} is an object's name", "give the figure a name of its own: both are files")
     lines = [o for o in built if not isinstance(o, Tube)]
     if not tubes and settings.scheme != Settings().scheme:
         top.fail(
@@ -174,16 +182,16 @@ def build(data: Mapping[str, Any], base: Path, source: str, name: str = "object"
     if settings.sigmas and any(fine >= coarse for coarse, fine in pairwise(settings.sigmas)):
         top.fail("solver.sigmas", f"{list(settings.sigmas)} does not fall", "write them from coarse to fine")
     output = top.fields("output", Output(), {"video_fps": (1, 120)})
-    return Scene(scene_name, [view], tubes, settings, lines, units, scale, output, source, dict(data))
+    return Scene(scene_name, views, tubes, settings, lines, units, scale, output, source, dict(data))
 
 
-def _scale(top: Table, units: str, view: Table) -> float:
-    projection = view.text("projection", "orthographic", choices=PROJECTION_KEYS)
-    if projection in ("perspective", "matrix"):
+def _scale(top: Table, units: str, views: list[Table]) -> float:
+    projections = [view.text("projection", "orthographic", choices=PROJECTION_KEYS) for view in views]
+    if all(projection in ("perspective", "matrix") for projection in projections):
         if "scale" in top:
             top.fail(
                 "scale",
-                f"has no meaning beside a {projection} view",
+                f"has no meaning beside a {projections[0]} view",
                 "remove it: the camera fixes the world's scale",
             )
         return 1.0
@@ -203,7 +211,7 @@ def _scale(top: Table, units: str, view: Table) -> float:
     return scale
 
 
-def _view(table: Table, base: Path, scale: float) -> View:
+def _view(table: Table, base: Path, scale: float, default_name: str) -> View:
     if "frames" in table:
         table.fail("frames", "moving scenes are not in this version", 'give one photograph: image = "photo.jpg"')
     camera = _camera(table, scale)
@@ -224,7 +232,7 @@ def _view(table: Table, base: Path, scale: float) -> View:
                 "the mask covers the whole image",
                 "white means: do not look here; leave the object black",
             )
-    return View(name=table.name("name", "front"), image=image, camera=camera, ignore=ignore)
+    return View(name=table.name("name", default_name), image=image, camera=camera, ignore=ignore)
 
 
 def _camera(table: Table, scale: float) -> Camera:

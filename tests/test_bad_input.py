@@ -287,7 +287,7 @@ def test_bad_snake_sheet_or_spring_is_named(case, folder):
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        (toml() + '\n[[view]]\nimage = "photo.png"', ["view", "2 views"]),
+        (toml() + '\n[[view]]\nimage = "photo.png"', ["object[0].spine", "from one side only", "alpha"]),
         (toml() + "\n[[object]]\nspine = [[1, 2], [30, 40]]", ["object[1].name", "is missing"]),
         (
             toml() + '\n[[object]]\nname = "thing"\nspine = [[1, 2], [30, 40]]',

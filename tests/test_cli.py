@@ -21,6 +21,7 @@ from PIL import Image
 import symseek
 from benchmarks import truth
 from symseek import cli, files, folder, pipeline
+from symseek.record import FORMS
 from symseek.render.platform import RenderError
 from symseek.scene import Output
 from symseek.scenes import raster
@@ -82,7 +83,7 @@ def test_a_run_writes_all_its_files_and_says_so(squash, record):
 def test_record(record):
     assert record["run"]["scene"] == "squash" and record["versions"]["symseek"] == symseek.__version__
     assert record["settings"]["iterations"] == 60 and record["settings"]["scheme"] == "adi"
-    assert record["forms"]["contour"] == files.FORMS["subnode"]
+    assert record["forms"]["contour"] == FORMS["subnode"]
     assert record["units"]["volume"] == "mm^3" and record["units"]["scale"] == "0.25 mm per pixel"
     assert set(record["seconds"]) >= {"read", "solve", "meshes", "pictures", "video"}
     assert all(seconds >= 0 for seconds in record["seconds"].values())

@@ -102,7 +102,7 @@ def test_the_axis_moves_sideways_only(camera):
     views, tubes = [View(_scene(), moved)], [Tube(spine)]
     scene = Assembly(views, tubes, Settings(), "cpu", maps_of(views, tubes))
     axis = scene._carried_on(0)
-    np.testing.assert_allclose(moved.project(axis), scene.maps[0].axis, atol=1e-6)
+    np.testing.assert_allclose(moved.project(axis), scene.maps[0][0].axis, atol=1e-6)
     inner = np.abs(moved.project(axis)[:, 0] - CENTRE[0]) < 40
     assert np.abs(moved.project(axis)[inner, 1] - CENTRE[1]).max() < 2
     nearest = np.abs(seen[:, 0] - shift[0] - moved.project(axis)[inner][:, :1]).argmin(axis=1)

@@ -5,10 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import symseek
 from benchmarks import still_life as bench
 from benchmarks import truth
+from symseek import cli
 from symseek.device import start_quietly
 from symseek.scenes.still_life import HIDDEN, StillLife, make
+from symseek.sim.camera import Camera
 from symseek.sim.foreground import foreground
 from symseek.sim.neighbours import completed, foregrounds
 from symseek.sim.problem import Tube, View
@@ -105,3 +108,16 @@ def test_hidden_contour_is_told(life):
     assert (life.front.coverage[row, column] > 0.5)[flags].mean() > 0.7
     assert (life.front.coverage[row, column] > 0.5)[~flags].mean() < 0.05
     assert back.measures["supported_share"] > 0.9
+
+
+def test_the_scene_that_ships():
+    """Order found, both trusted, silhouettes as the truth beside it says, the hidden part too."""
+    path = cli.demos()["pear_potato"]
+    true = np.load(path.parent / "truth.npz")
+    found = {o.name: o for o in symseek.reconstruct(symseek.load(path)).objects}
+    assert found["pear"].measures["depth"] > found["potato"].measures["depth"]
+    for name, o in found.items():
+        assert o.trusted and o.converged
+        silhouette = truth.silhouette(o.vertices, o.faces, Camera.orthographic(), true[f"{name}_coverage"].shape)
+        assert truth.overlap(silhouette, true[f"{name}_coverage"] / 255) > 0.985
+        assert o.measures["volume"] == pytest.approx(float(true[f"{name}_volume"]), rel=0.03)
