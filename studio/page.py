@@ -70,8 +70,7 @@ class Page:
 
         def do() -> None:
             session, restored = self.folder.open(path)
-            depths = [i.depth for i in session.state.items if i.is_tube]
-            frame = Frame(session.view, depths[0] if depths else 0.0)
+            frame = Frame(session.view, session.depth)
             with self.lock, self._painting:
                 self.session, self.path = session, path
                 self.drawing = Drawing(self.server.scene, session.view, frame)

@@ -103,7 +103,7 @@ class Session:
         self._past: list[tuple[State, str]] = []
         self._future: list[tuple[State, str]] = []
         self._merging: object = None
-        stand_in = {**state.top, "object": [{"name": "object", "spine": _STAND_IN}]}
+        stand_in = {**state.top, "object": [{"name": "object", "spine": _STAND_IN, "depth": 1.0}]}
         scene = build(stand_in, base, source)
         self.views: list[View] = scene.views
         self.scale, self.name, self._settings = scene.scale, scene.name, scene.settings
@@ -119,6 +119,19 @@ class Session:
     def view(self) -> View:
         """The first one, which is drawn on."""
         return self.views[0]
+
+    @property
+    def depth(self) -> float:
+        """Of what is drawn next: where the first object is, if the view is a perspective one."""
+        camera = self.view.camera
+        if camera.affine:
+            return 0.0
+        for tube in (self.tube(item) for item in self.state.items):
+            if tube is not None:
+                spine = np.asarray(tube.spine)
+                flat = spine.shape[1] == 2
+                return tube.depth if flat else float((spine @ camera.matrix[2, :3] + camera.matrix[2, 3]).mean())
+        return 1.0
 
     def _views(self, top: Mapping[str, Any]) -> list[dict[str, Any]]:
         """Tables of the views, with their images as they were read."""
@@ -243,7 +256,8 @@ class Session:
         taken = {i.name for i in self.state.items}
         name = next(n for n in (f"object {k}" for k in range(1, len(taken) + 2)) if n not in taken)
         uid = 1 + max((i.uid for i in self._ever()), default=0)
-        self._do("a new object", [*self.state.items, Item(uid, {"name": name}, PALETTE[(uid - 1) % len(PALETTE)])])
+        table = {"name": name} | ({} if self.view.camera.affine else {"depth": self.depth})
+        self._do("a new object", [*self.state.items, Item(uid, table, PALETTE[(uid - 1) % len(PALETTE)])])
         return uid
 
     def _ever(self) -> list[Item]:

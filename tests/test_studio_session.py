@@ -202,6 +202,20 @@ def test_a_scene_file_is_kept_as_it_is(name):
     assert saved == {"name": name, **given_}
 
 
+def test_what_is_drawn_in_a_perspective_view_lies_beside_the_first_object(folder, tmp_path):
+    (tmp_path / "near.toml").write_text(
+        '[[view]]\nimage = "photo.png"\nprojection = "perspective"\nK = [[90, 0, 32], [0, 90, 24], [0, 0, 1]]\n'
+        "R = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]\nt = [0, 0, 5]\n[[object]]\nspine = [[-1, 0, 0], [0, 0, 1], [1, 0, 2]]\n"
+    )
+    session, _ = folder.open("near.toml")
+    assert session.depth == 6
+    uid = session.add()
+    session.add_point(uid, (10, 10))
+    session.add_point(uid, (40, 20))
+    tube = session.tube(session.item(uid))
+    assert tube is not None and tube.depth == 6
+
+
 def test_save_and_autosave(folder, tmp_path):
     session, uid = drawn(folder, *AXIS)
     full = folder.save(session, "made")
