@@ -49,7 +49,7 @@ class Engine:
         self.failed = ""
         self.watched: int | None = None
         self._parts: dict[int, Part] = {}
-        self._view: View | None = None
+        self._views: list[View] = []
         self._settings = Settings()
         self._go: dict[int, bool] = {}
         self._calls: list[tuple[Callable[[], Any], Future]] = []
@@ -58,7 +58,7 @@ class Engine:
         self._published, self._measured = 0.0, 0.0
         self._look: Look | None = None
         self._looked = 0.0
-        self._maps: dict[int, Foreground] = {}
+        self._maps: dict[int, list[Foreground]] = {}
         self._depths: dict[int, float] = {}
         self._mapped: list[str] = []
         self._workers = max(1, (os.cpu_count() or 2) - 1)
@@ -77,16 +77,16 @@ class Engine:
             self._wake.notify()
         return answer
 
-    def show(self, view: View, settings: Settings, wishes: Mapping[int, Wish], fresh: bool = False) -> Future:
+    def show(self, views: list[View], settings: Settings, wishes: Mapping[int, Wish], fresh: bool = False) -> Future:
         """Makes the runs those of these objects: what can go on goes on, what cannot is played again.
 
         Args:
-            view: of all of them.
+            views: of all of them.
             settings: of the solver.
             wishes: by uid.
             fresh: another scene, of which nothing is known.
         """
-        return self.call(lambda: self._show(view, settings, dict(wishes), fresh))
+        return self.call(lambda: self._show(views, settings, dict(wishes), fresh))
 
     def run(self, on: bool = True) -> Future:
         """Lets all go on, or pauses them."""
@@ -231,16 +231,16 @@ class Engine:
 
     # in the thread
 
-    def _show(self, view: View, settings: Settings, wishes: dict[int, Wish], fresh: bool) -> None:
+    def _show(self, views: list[View], settings: Settings, wishes: dict[int, Wish], fresh: bool) -> None:
         if fresh:
             self._go, self._mapped, self._maps = {}, [], {}
             self._remove(list(self._parts))
-        self._view, self._settings, self._look = view, settings, None
+        self._views, self._settings, self._look = views, settings, None
         self._remove([uid for uid in self._parts if uid not in wishes])
         mapped = [wish.structure for wish in wishes.values()]
         if mapped != self._mapped:  # each is made with the others in mind
-            tubes, _ = in_order(view, [wish.tube for wish in wishes.values()])
-            found = [of_view for (of_view,) in maps_of([view], tubes)] if wishes else []
+            tubes, _ = in_order(views[0], [wish.tube for wish in wishes.values()])
+            found = maps_of(views, tubes) if wishes else []
             self._maps, self._mapped = dict(zip(wishes, found, strict=True)), mapped
             self._depths = {uid: tube.depth for uid, tube in zip(wishes, tubes, strict=True)}
         for uid, wish in wishes.items():
@@ -260,13 +260,12 @@ class Engine:
 
     def _begin(self, uid: int, wish: Wish) -> Part:
         """A run from its start, in the place of the one there was."""
-        assert self._view is not None
         old = self._parts.get(uid)
         if old is not None:
             self._go[uid] = old.go
             old.run.stop()
         wish = replace(wish, tube=replace(wish.tube, depth=self._depths[uid], find_depth=False))
-        part = self._parts[uid] = Part(wish, self._view, self._maps[uid], self._settings, self.device, self._ahead)
+        part = self._parts[uid] = Part(wish, self._views, self._maps[uid], self._settings, self.device, self._ahead)
         part.go = self._go.get(uid, False)
         return part
 
@@ -314,9 +313,9 @@ class Engine:
                 self._play(uid, part.wish, part.run.iteration)
 
 
-def _same(a: Foreground, b: Foreground) -> bool:
-    """Whether two maps are the same."""
-    return a is b or (a.origin == b.origin and a.inside.shape == b.inside.shape and bool((a.inside == b.inside).all()))
+def _same(a: Sequence[Foreground], b: Sequence[Foreground]) -> bool:
+    """Whether an object's maps, one for each view, are the same."""
+    return all(m is n or (m.origin == n.origin and np.array_equal(m.inside, n.inside)) for m, n in zip(a, b, strict=True))
 
 
 def _first_difference(new: Sequence[Spring], old: Sequence[Spring]) -> int:

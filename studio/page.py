@@ -70,8 +70,7 @@ class Page:
 
         def do() -> None:
             session, restored = self.folder.open(path)
-            depths = [i.depth for i in session.state.items if i.is_tube]
-            frame = Frame(session.view, depths[0] if depths else 0.0)
+            frame = Frame(session.view, session.depth)
             with self.lock, self._painting:
                 self.session, self.path = session, path
                 self.drawing = Drawing(self.server.scene, session.view, frame)
@@ -79,7 +78,7 @@ class Page:
                 items = session.state.items
                 self.chosen = items[0].uid if items else session.add()
                 self.mouse.listen(self.drawing)
-                self.engine.show(session.view, session.settings(), self._wishes(), fresh=True)
+                self.engine.show(session.views, session.settings(), self._wishes(), fresh=True)
             if restored:
                 self.tell("Brought back", "what you had made of it before; *Start over* takes the file as it is.")
             for client in self.server.get_clients().values():
@@ -131,7 +130,7 @@ class Page:
                 uids = [i.uid for i in self.session.state.items]
                 if self.chosen not in uids:
                     self.chosen = uids[-1] if uids else None
-                self.engine.show(self.session.view, self.session.settings(), self._wishes())
+                self.engine.show(self.session.views, self.session.settings(), self._wishes())
                 self.folder.autosave(self.path, self.session)
 
         self.attempt(do)

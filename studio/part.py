@@ -82,16 +82,18 @@ class Part:
 
     Args:
         wish: the object.
-        view: image and camera.
-        map_: its foreground map.
+        views: images and cameras; the mouse is in the first.
+        maps: its foreground map in each view.
         settings: of the solver.
         device: Warp device.
         ahead: makes potentials beside the run.
     """
 
-    def __init__(self, wish: Wish, view: View, map_: Foreground, settings: Settings, device: str, ahead: Executor):
-        self.wish, self.view, self.map = wish, view, map_
-        self.run = Relaxation(Assembly([view], [wish.tube], settings, device, [[self.map]]), ahead)
+    def __init__(
+        self, wish: Wish, views: list[View], maps: list[Foreground], settings: Settings, device: str, ahead: Executor
+    ):
+        self.wish, self.view, self.map = wish, views[0], maps
+        self.run = Relaxation(Assembly(views, [wish.tube], settings, device, [maps]), ahead)
         self.go = False
         """it goes on, unless it is done."""
         self.path = True
@@ -177,7 +179,7 @@ class Part:
         space = scene.spaces[0][0]
         inside = space.inside if scene.settings.potential == "map" else np.zeros((0, 0))
         pieces = occluding_contour(scene.world(0)[0], self.view.camera, scene.weights.cuts[0])
-        found = [contour_support(p, n, self.run.potentials[0][0], inside, self.map.half_width) for p, n in pieces]
+        found = [contour_support(p, n, self.run.potentials[0][0], inside, self.map[0].half_width) for p, n in pieces]
         measures = support_measures(found)
         self.measured = measures["contour_residual_px"]["mean"], measures["supported_share"]
 

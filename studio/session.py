@@ -103,18 +103,39 @@ class Session:
         self._past: list[tuple[State, str]] = []
         self._future: list[tuple[State, str]] = []
         self._merging: object = None
-        stand_in = {**state.top, "object": [{"name": "object", "spine": _STAND_IN}]}
+        stand_in = {**state.top, "object": [{"name": "object", "spine": _STAND_IN, "depth": 1.0}]}
         scene = build(stand_in, base, source)
-        self.view: View = scene.views[0]
+        self.views: list[View] = scene.views
         self.scale, self.name, self._settings = scene.scale, scene.name, scene.settings
-        self._read: dict[str, Any] = {"image": self.view.image}
-        if self.view.ignore is not None:
-            self._read["ignore"] = self.view.ignore.astype(float)
+        masks = [{} if v.ignore is None else {"ignore": v.ignore.astype(float)} for v in scene.views]
+        self._read = [{"image": v.image, **mask} for v, mask in zip(scene.views, masks, strict=True)]
         self._tubes: dict[str, Tube] = {}
         for item in state.items:
             self._check(item)
 
     # reading
+
+    @property
+    def view(self) -> View:
+        """The first one, which is drawn on."""
+        return self.views[0]
+
+    @property
+    def depth(self) -> float:
+        """Of what is drawn next: where the first object is, if the view is a perspective one."""
+        camera = self.view.camera
+        if camera.affine:
+            return 0.0
+        for tube in (self.tube(item) for item in self.state.items):
+            if tube is not None:
+                spine = np.asarray(tube.spine)
+                flat = spine.shape[1] == 2
+                return tube.depth if flat else float((spine @ camera.matrix[2, :3] + camera.matrix[2, 3]).mean())
+        return 1.0
+
+    def _views(self, top: Mapping[str, Any]) -> list[dict[str, Any]]:
+        """Tables of the views, with their images as they were read."""
+        return [{**table, **read} for table, read in zip(top["view"], self._read, strict=True)]
 
     def item(self, uid: int) -> Item:
         """Object `uid`.
@@ -156,7 +177,7 @@ class Session:
         if not self.state.items:
             raise SceneError(self.source, "object", "there is none yet", "click points along the axis of one")
         data = {**self.state.top, "object": [dict(item.table) for item in self.state.items]}
-        build({**data, "view": [{**self.state.top["view"][0], **self._read}]}, self.base, self.source)
+        build({**data, "view": self._views(self.state.top)}, self.base, self.source)
         return data
 
     @property
@@ -224,8 +245,9 @@ class Session:
 
     def _built(self, item: Item, top: Mapping[str, Any] | None = None) -> Scene:
         top = top or self.state.top
-        view = {**top["view"][0], **self._read}
-        return build({**top, "view": [view], "object": [{"name": item.name, **item.table}]}, self.base, self.source)
+        return build(
+            {**top, "view": self._views(top), "object": [{"name": item.name, **item.table}]}, self.base, self.source
+        )
 
     # actions
 
@@ -234,7 +256,8 @@ class Session:
         taken = {i.name for i in self.state.items}
         name = next(n for n in (f"object {k}" for k in range(1, len(taken) + 2)) if n not in taken)
         uid = 1 + max((i.uid for i in self._ever()), default=0)
-        self._do("a new object", [*self.state.items, Item(uid, {"name": name}, PALETTE[(uid - 1) % len(PALETTE)])])
+        table = {"name": name} | ({} if self.view.camera.affine else {"depth": self.depth})
+        self._do("a new object", [*self.state.items, Item(uid, table, PALETTE[(uid - 1) % len(PALETTE)])])
         return uid
 
     def _ever(self) -> list[Item]:

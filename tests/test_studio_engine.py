@@ -39,7 +39,7 @@ def engine():
 
 def show(engine: Engine, session: Session, fresh: bool = False) -> None:
     wishes = {i.uid: Wish(structure(i), tube) for i in session.state.items if (tube := session.tube(i)) is not None}
-    engine.show(session.view, session.settings(), wishes, fresh).result(60)
+    engine.show(session.views, session.settings(), wishes, fresh).result(60)
 
 
 def rest(engine: Engine) -> dict[int, np.ndarray]:

@@ -189,12 +189,7 @@ def test_after_the_last_spring_there_is_time_to_rest(folder):
     assert session.settings().iterations == 4000 and "solver" not in session.tables()
 
 
-def test_a_scene_of_several_views_is_refused():
-    with pytest.raises(symseek.SceneError, match="there are 8; the studio shows one"):
-        Folder(cli.demos()["squash_ring"].parent).open("scene.toml")
-
-
-@pytest.mark.parametrize("name", sorted({*cli.demos()} - {"squash_ring"}))
+@pytest.mark.parametrize("name", sorted(cli.demos()))
 def test_a_scene_file_is_kept_as_it_is(name):
     """Opened and saved without a change, it means the same."""
     scene = cli.demos()[name]
@@ -205,6 +200,20 @@ def test_a_scene_file_is_kept_as_it_is(name):
     given_ = tomllib.loads(scene.read_text())
     given_["object"] = [{"name": given_["name"], **o} for o in given_["object"]]
     assert saved == {"name": name, **given_}
+
+
+def test_what_is_drawn_in_a_perspective_view_lies_beside_the_first_object(folder, tmp_path):
+    (tmp_path / "near.toml").write_text(
+        '[[view]]\nimage = "photo.png"\nprojection = "perspective"\nK = [[90, 0, 32], [0, 90, 24], [0, 0, 1]]\n'
+        "R = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]\nt = [0, 0, 5]\n[[object]]\nspine = [[-1, 0, 0], [0, 0, 1], [1, 0, 2]]\n"
+    )
+    session, _ = folder.open("near.toml")
+    assert session.depth == 6
+    uid = session.add()
+    session.add_point(uid, (10, 10))
+    session.add_point(uid, (40, 20))
+    tube = session.tube(session.item(uid))
+    assert tube is not None and tube.depth == 6
 
 
 def test_save_and_autosave(folder, tmp_path):
