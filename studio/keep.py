@@ -96,6 +96,9 @@ class Folder:
                 if isinstance(value, str) and not value.startswith("skimage:"):
                     self.inside(full.parent / os.path.expandvars(os.path.expanduser(value)))
         scene = load(full)
+        if len(scene.views) > 1 or scene.frames:
+            what = "moves" if scene.frames else f"has {len(scene.views)} views"
+            raise SceneError(full.name, "view", f"the scene {what}", "the studio shows one still image: use symseek run")
         top = {"name": scene.name, **{k: v for k, v in scene.text.items() if k != "object"}}
         tables = [{"name": scene.name, **table} for table in scene.text["object"]]
         items = [Item(k + 1, table, PALETTE[k % len(PALETTE)]) for k, table in enumerate(tables)]

@@ -189,7 +189,13 @@ def test_after_the_last_spring_there_is_time_to_rest(folder):
     assert session.settings().iterations == 4000 and "solver" not in session.tables()
 
 
-@pytest.mark.parametrize("name", sorted(cli.demos()))
+@pytest.mark.parametrize(("name", "what"), [("squash_ring", "has 8 views"), ("finger", "moves")])
+def test_more_than_one_still_image_is_refused(name, what):
+    with pytest.raises(symseek.SceneError, match=f"the scene {what}; the studio shows one still image"):
+        Folder(cli.demos()[name].parent).open("scene.toml")
+
+
+@pytest.mark.parametrize("name", sorted({*cli.demos()} - {"squash_ring", "finger"}))
 def test_a_scene_file_is_kept_as_it_is(name):
     """Opened and saved without a change, it means the same."""
     scene = cli.demos()[name]
