@@ -46,7 +46,7 @@ def test_a_bending_finger_is_followed(finger, frames, found):
         assert gap.mean() < 0.02 * finger.length
         inner = o.spine[i, 5:-5]
         apart = inner - frame.spine[KDTree(frame.spine).query(inner)[1]]
-        assert np.abs(apart[:, 2]).mean() < 0.02 * finger.length
+        assert np.abs(apart[:, 2]).mean() < 0.04 * finger.length
     stayed = KDTree(frames[-1].vertices).query(o.tube[0].reshape(-1, 3))[0]
     assert stayed.mean() > 0.03 * finger.length  # it would not do to stay where it was
     for camera, cover in zip(finger.cameras, frames[-1].coverages, strict=True):
