@@ -224,10 +224,10 @@ def segment(
     if wp.dot(m, ahead - p) < 0.0:
         m = -m
     part = image.seen(field, p, q)
-    if part[0] == 0.0 and part[1] == 1.0:
+    if part[0] >= part[1] or (part[0] == 0.0 and part[1] == 1.0):
         scatter(force, a, density * pull(eye, field, samples, a, p, m, 0.5 * length, literal))
         scatter(force, b, density * pull(eye, field, samples, b, q, m, 0.5 * length, literal))
-    elif part[0] < part[1]:
+    else:
         # only what the image holds of it
         half = 0.5 * (part[1] - part[0]) * length
         for i in range(2):
