@@ -1,7 +1,8 @@
 # make demo    reconstruct the squash that ships with the package into out/squash
 # make test    ruff, pyright, pytest        make lint    the first two alone
 # make bench   accuracy and speed, beside the peers (minutes)
-# Each sets the machine up first: .venv, dependencies, the off-screen OpenGL library. Quick when nothing is missing.
+# Each sets the machine up first: .venv, dependencies, the off-screen OpenGL library; test also a browser for the studio,
+# without which its tests are skipped. Quick when nothing is missing.
 
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
@@ -12,12 +13,13 @@ SHELL := /bin/bash
 PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/.ready
+BROWSER := .venv/.browser
 
 demo: $(READY)
 	@$(BIN)/symseek demo
 
-test: lint
-	@$(BIN)/python -m pytest
+test: lint $(BROWSER)
+	@$(BIN)/python -m pytest -rs
 
 lint: $(READY)
 	@$(BIN)/ruff check
@@ -67,5 +69,15 @@ $(READY): pyproject.toml
 	fi
 	say "installing symseek and its dependencies into .venv, a minute or two ..."
 	$(BIN)/python -m pip install -q --disable-pip-version-check 'pip>=25.1'
-	$(BIN)/python -m pip install -qq -e . --group dev
+	$(BIN)/python -m pip install -qq -e '.[studio]' --group dev
+	touch $@
+
+$(BROWSER): $(READY)
+	@if ! command -v chromium chromium-browser google-chrome >/dev/null; then
+	    root() { if [ "$$(id -u)" = 0 ]; then "$$@"; else sudo -n "$$@"; fi; }
+	    echo "installing chromium (for the studio's tests) ..." >&2
+	    root apt-get update -qq &&
+	        root env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends chromium >/dev/null ||
+	        { echo "Chromium could not be installed: the studio's tests are skipped. As root: apt-get install chromium" >&2; exit 0; }
+	fi
 	touch $@

@@ -9,7 +9,21 @@ from pathlib import Path
 
 from symseek.device import start_quietly
 
-from . import ablation, accuracy, breaks, dance, invariance, lines, photographs, rest, snakes, solvers, speed
+from . import (
+    ablation,
+    accuracy,
+    breaks,
+    dance,
+    invariance,
+    lines,
+    photographs,
+    rest,
+    snakes,
+    solvers,
+    speed,
+    still_life,
+    studio,
+)  # fmt: skip
 
 TABLES = {
     "accuracy": accuracy.main,
@@ -17,12 +31,14 @@ TABLES = {
     "invariance": invariance.main,
     "rest": rest.main,
     "breaks": breaks.main,
+    "still_life": still_life.main,
     "dance": dance.main,
     "photographs": photographs.main,
     "snakes": snakes.main,
     "speed": speed.main,
     "lines": lines.main,
     "solvers": solvers.main,
+    "studio": studio.main,
 }
 
 

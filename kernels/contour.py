@@ -73,6 +73,7 @@ def normals(
     eyes: wp.array[projection.Eye],
     # state in
     tube_in: wp.array[wp.vec3],
+    centroid_in: wp.array[wp.vec3],
     # scalars
     view: int,
     # out
@@ -89,6 +90,8 @@ def normals(
     for x in range(n):
         if x == 0 or ring_closed[r] == 0:
             m = surface_normal(tube_in, start, x, n, s, ring_first[r], ring_last[r], ring_closed[r])
+        if ring_closed[r] == 0 and wp.dot(m, tube_in[start + x] - centroid_in[r]) < 0.0:
+            m = -m
         normal_out[start + x] = m
         facing_out[start + x] = wp.dot(projection.sight(eye, tube_in[start + x]), m)
 
@@ -221,10 +224,10 @@ def segment(
     if wp.dot(m, ahead - p) < 0.0:
         m = -m
     part = image.seen(field, p, q)
-    if part[0] == 0.0 and part[1] == 1.0:
+    if part[0] >= part[1] or (part[0] == 0.0 and part[1] == 1.0):
         scatter(force, a, density * pull(eye, field, samples, a, p, m, 0.5 * length, literal))
         scatter(force, b, density * pull(eye, field, samples, b, q, m, 0.5 * length, literal))
-    elif part[0] < part[1]:
+    else:
         # only what the image holds of it
         half = 0.5 * (part[1] - part[0]) * length
         for i in range(2):

@@ -31,9 +31,10 @@ def outside(field: Field, p: wp.vec2):
 
 @wp.func
 def sample(samples: wp.array[wp.vec4], field: Field, p: wp.vec2):
-    """Bilinear look-up (section 5) at image point `p`: the nearest sample's value beyond the samples, 0 beyond the image."""
-    if outside(field, p) != 0:
-        return wp.vec4(0.0)
+    """Bilinear look-up (section 5) at image point `p`: the nearest sample's value beyond the samples.
+
+    Beyond the image nothing draws out; what has strayed beyond a border that shows background is still pressed back.
+    """
     x = wp.clamp((p[0] - field.x0) / field.step, 0.0, float(field.width) - 1.001)
     y = wp.clamp((p[1] - field.y0) / field.step, 0.0, float(field.height) - 1.001)
     i = int(x)
@@ -43,7 +44,10 @@ def sample(samples: wp.array[wp.vec4], field: Field, p: wp.vec2):
     at = field.start + j * field.width + i
     top = (1.0 - u) * samples[at] + u * samples[at + 1]
     low = (1.0 - u) * samples[at + field.width] + u * samples[at + field.width + 1]
-    return (1.0 - v) * top + v * low
+    value = (1.0 - v) * top + v * low
+    if outside(field, p) != 0:
+        return wp.vec4(0.0, 0.0, wp.min(value[2], 0.0), wp.min(value[3], 0.0))
+    return value
 
 
 @wp.func

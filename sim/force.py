@@ -96,7 +96,7 @@ def add_forces(model: Model, state: State, contour_kind: str, literal: bool, tau
         wp.launch(
             contour.normals,
             m.rings,
-            inputs=[*ring[:-1], m.ring_first, m.ring_last, m.ring_closed, m.eyes, s.tube, view],
+            inputs=[*ring[:-1], m.ring_first, m.ring_last, m.ring_closed, m.eyes, s.tube, s.centroid, view],
             outputs=[s.normal, s.facing],
             device=m.device,
         )

@@ -59,12 +59,14 @@ class Loop:
     def _forms(self) -> tuple:
         """What a graph has frozen of model and solver."""
         m = self.scene.model
-        return m.shaped, m.torn, len(m.samples), *self.solver.form
+        return m.shaped, m.torn, len(m.samples), self.scene.springs.form, *self.solver.form
 
     def hold_springs(self, iteration: int) -> None:
         """Lets springs take hold and let go, and the scheme take them implicitly."""
         self.scene.springs.set(iteration, self.scene.state.tube.numpy())
         self.scene.springs.take_implicitly(self._step_under)
+        if self._forms() != self.forms:
+            self._capture()
 
     def _step_under(self, load: np.ndarray) -> np.ndarray:
         """Step of nodes at rest under a load, both (N,) and in one direction; none with mass, where springs are explicit."""

@@ -153,7 +153,7 @@ def reconstruct(
             for share in shares
         ]
         lap("kernels")
-        look = _Look(parts, settings, depth_pass)
+        look = Look(parts, settings, depth_pass)
         _run(parts, pool, look, callback, every)
         waited = sum(part.waited for part in parts) / threads
         lap("solve")
@@ -168,7 +168,7 @@ def reconstruct(
     return Result(objects, parts[0].pictures, foreground, seconds, settings)
 
 
-class _Look:
+class Look:
     """Looks every `REFRESH` iterations what hides the tubes."""
 
     def __init__(self, parts: list[Relaxation], settings: Settings, depth_pass: Pass | None):
@@ -191,7 +191,7 @@ class _Look:
 def _run(
     parts: list[Relaxation],
     pool: ThreadPoolExecutor,
-    look: _Look,
+    look: Look,
     callback: Callable[[Progress], bool | None] | None,
     every: int,
 ) -> None:

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor, Future
+from dataclasses import replace
 
 import numpy as np
 
 from .assembly import Assembly
 from .loop import HOST, Loop
+from .material import Weight
 from .potential import Potential, PotentialPicture
+from .problem import Settings
+from .spring import Spring
 
 CHECK = 10
 """Iterations between two looks at the residual, and at weights that are functions of time."""
@@ -114,6 +118,39 @@ class Relaxation:
             for one in made:
                 one.cancel()
 
+    def pull(self, k: int, spring: Spring) -> int:
+        """Ties a spring to tube k or sets a volcano, from this iteration on, or from `spring.start`; a run at rest goes on.
+
+        Returns:
+            its number, for `let_go`.
+
+        Raises:
+            ValueError: it should have taken hold already.
+        """
+        i = self.scene.springs.add(k, replace(spring, start=max(spring.start, self.iteration)))
+        self._go_on()
+        return i
+
+    def let_go(self, i: int) -> None:
+        """Ends spring i at this iteration."""
+        self.scene.springs.let_go(i, self.iteration)
+        self._go_on()
+
+    def change(self, k: int, weights: Mapping[str, Weight | None]) -> None:
+        """Changes weights of tube k from this iteration on, see `Progress.material`; a run at rest goes on."""
+        self.scene.weights.change(k, weights)
+        self._go_on()
+        if self._under_way:
+            self._look_anew()
+
+    def _go_on(self) -> None:
+        """After an event that somebody made: at the finest scale there is as long a way to go as from the start."""
+        scene, most = self.scene, self.iteration + Settings.iterations
+        if most > scene.settings.iterations:
+            scene.settings = replace(scene.settings, iterations=most)
+        if self.last and (self._under_way or self.done) and not self.diverged:
+            self._end, self._under_way, self.done, self.converged = scene.settings.iterations, True, False, False
+
     def snapshot(self) -> None:
         """Remembers where every tube is."""
         for k, states in enumerate(self.history):
@@ -149,7 +186,8 @@ class Relaxation:
             self._start = scene.positions(), scene.time
         self._begun, self._again, self._under_way = self.iteration, False, True
         # what earlier scales did not use is left to later ones
-        self._end = self.iteration + (s.iterations - self.iteration) // (self.stages - self.stage)
+        most = s.iterations if self.last else min(s.iterations, Settings.iterations)
+        self._end = self.iteration + max(0, most - self.iteration) // (self.stages - self.stage)
         self._moved, self._leaps = float("inf"), 0
         self._trail: list[tuple[np.ndarray, np.ndarray]] = [self._start[0]]
         if self._end == self.iteration:
@@ -164,8 +202,12 @@ class Relaxation:
             self.snapshot()
         if scene.springs.due(self.iteration):
             self.loop.hold_springs(self.iteration)
-            # what was under way does not tell of what comes
-            self._begun, self._moved, self._trail = self.iteration, float("inf"), [scene.positions()]
+            self._look_anew()
+
+    def _look_anew(self) -> None:
+        """What was under way does not tell of what comes."""
+        self._begun, self._moved, self._leaps = self.iteration, float("inf"), 0
+        self._trail = [self.scene.positions()]
 
     @property
     def _snapshot_every(self) -> int:
@@ -188,13 +230,15 @@ class Relaxation:
         self.residual = self.loop.residual()
         tolerance = scene.settings.tolerance * (1.0 if last else COARSE)
         at_rest = self.residual < tolerance and (not last or self._moved < REST)
+        # what is done until an event does not depend on it: a spring that is added later leads to the same bits
         pending = scene.springs.pending(self.iteration) or not scene.weights.settled(scene.time)
-        self.converged = at_rest and not (last and pending)
+        self.converged = at_rest
         if self.converged and last and self._leaps < LEAPS and not self.loop.solver.mass:
             self._leap()
         if not self.residual < LOST:
             self._go_back()
-        if self.converged or self.diverged or self.iteration >= self._end:
+        finished = self.converged and not (last and pending)
+        if finished or self.diverged or self.iteration >= self._end:
             self._finish_stage()
 
     def _leap(self) -> None:

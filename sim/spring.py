@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -79,7 +80,10 @@ class Held:
 
 
 class Springs:
-    """All springs of a model, in arrays that the captured graph reads; what changes with time is written from outside."""
+    """All springs of a model; those in force lie in the places of arrays that the captured graph reads.
+
+    What changes with time is written from outside. A graph serves as long as `form` stays.
+    """
 
     def __init__(self, bodies: list[Held], mass: np.ndarray, device: str):
         self.bodies, self.device = bodies, device
@@ -88,15 +92,52 @@ class Springs:
         self.tied: list[tuple[list[int], list[float]] | None] = [None] * len(self.list)
         self.way = [0.0] * len(self.list)
         """how far the object was from the anchor when the spring took hold [image px]."""
-        self.array = wp.zeros(len(self.list), dtype=kernels.Spring, device=device)  # pyright: ignore
         self.mass = wp.array(mass.astype(np.float32), dtype=float, device=device)
-        m = len(self.list)
-        self.reply = wp.zeros((m, len(mass)), dtype=float, device=device)
-        self.inverse, self.back = wp.zeros((m, m), dtype=float, device=device), wp.zeros(m, dtype=wp.vec3, device=device)
         self.iteration = -1
+        self._make_places(most_at_once(self.list))
 
     def __len__(self) -> int:
         return len(self.list)
+
+    def _make_places(self, count: int) -> None:
+        self.places = count
+        self.array = wp.zeros(count, dtype=kernels.Spring, device=self.device)  # pyright: ignore
+        self.reply = wp.zeros((count, len(self.mass)), dtype=float, device=self.device)
+        self.inverse = wp.zeros((count, count), dtype=float, device=self.device)
+        self.back = wp.zeros(count, dtype=wp.vec3, device=self.device)
+
+    @property
+    def form(self) -> tuple[int, bool]:
+        """What a graph has frozen of the springs: how many at once, and whether any is a volcano."""
+        return self.places, any(spring.reach is not None for spring in self.list)
+
+    def add(self, k: int, spring: Spring) -> int:
+        """Ties one more to body k while a run goes on, from `spring.start` on, which must be yet to come.
+
+        Returns:
+            its number in `list`.
+
+        Raises:
+            ValueError: it should have taken hold already.
+        """
+        if spring.start < self.iteration:
+            raise ValueError(f"a spring cannot take hold at iteration {spring.start}, which is over")
+        self.list.append(spring)
+        self.owners.append(self.bodies[k])
+        self.tied.append(None)
+        self.way.append(0.0)
+        need = most_at_once(self.list)
+        if need > self.places:  # some to spare, so that not each one takes a graph of its own
+            self._make_places(2 * need)
+        return len(self.list) - 1
+
+    def let_go(self, i: int, iteration: int) -> None:
+        """Ends spring i at an iteration that is yet to come; one that has not come to pull by then never was."""
+        if iteration > self.list[i].start:
+            self.list[i] = replace(self.list[i], stop=iteration)
+        else:
+            for values in (self.list, self.owners, self.tied, self.way):
+                del values[i]
 
     @property
     def events(self) -> set[int]:
@@ -115,37 +156,44 @@ class Springs:
         """Whether any has still to take hold or to let go."""
         return any(spring.start >= iteration or (spring.stop or 0) >= iteration for spring in self.list)
 
+    @property
+    def _in_force(self) -> list[int]:
+        return [i for i, spring in enumerate(self.list) if spring.holds(self.iteration)]
+
     def set(self, iteration: int, positions: np.ndarray) -> None:
         """Writes what holds at an iteration; those that take hold are tied where the object is now, positions (N, 3)."""
         self.iteration = iteration
-        values = []
-        for i, (spring, body) in enumerate(zip(self.list, self.owners, strict=True)):
-            value = kernels.Spring()
-            value.eye = body.eye if len(spring.anchor) == 2 else -1
-            if len(spring.anchor) == 2:
-                value.anchor = wp.vec3(*spring.anchor, 0.0)
-            else:
-                value.anchor = wp.vec3(*map(float, (np.array(spring.anchor) - body.origin) / body.unit))
-            value.first, value.last = body.first, body.first + int(np.prod(body.grid))
-            if spring.reach is not None:
-                value.reach = spring.reach if len(spring.anchor) == 2 else spring.reach / body.unit
-            value.density = 1 / float(np.prod(body.spacing))
-            if spring.holds(iteration):
-                value.stiffness = spring.stiffness
-                if spring.reach is None:
-                    tied = self.tied[i] or (
-                        body.nodes(spring.point) if spring.point is not None else body.nearest(spring.near or (), positions)
-                    )
-                    if self.tied[i] is None:
-                        self.tied[i] = tied
-                        self.way[i] = float(np.linalg.norm(np.diff(self._segment(i, positions), axis=0)))
-                    value.n0, value.n1, value.n2, value.n3 = tied[0]
-                    value.weight = wp.vec4(*tied[1])
-            else:
-                self.tied[i] = None
-            values.append(value)
+        held = self._in_force
+        self.tied = [tied if i in held else None for i, tied in enumerate(self.tied)]
+        values = [self._value(i, positions) for i in held]
+        values += [kernels.Spring() for _ in range(self.places - len(held))]
         if values:
             self.array.assign(wp.array(values, dtype=kernels.Spring, device="cpu").numpy())
+
+    def _value(self, i: int, positions: np.ndarray) -> Any:
+        """Spring i as the kernels know it; ties it if it is loose."""
+        spring, body = self.list[i], self.owners[i]
+        value = kernels.Spring()
+        value.stiffness = spring.stiffness
+        value.eye = body.eye if len(spring.anchor) == 2 else -1
+        if len(spring.anchor) == 2:
+            value.anchor = wp.vec3(*spring.anchor, 0.0)
+        else:
+            value.anchor = wp.vec3(*map(float, (np.array(spring.anchor) - body.origin) / body.unit))
+        value.first, value.last = body.first, body.first + int(np.prod(body.grid))
+        value.density = 1 / float(np.prod(body.spacing))
+        if spring.reach is not None:
+            value.reach = spring.reach if len(spring.anchor) == 2 else spring.reach / body.unit
+            return value
+        tied = self.tied[i]
+        if tied is None:
+            tied = self.tied[i] = (
+                body.nodes(spring.point) if spring.point is not None else body.nearest(spring.near or (), positions)
+            )
+            self.way[i] = float(np.linalg.norm(np.diff(self._segment(i, positions), axis=0)))
+        value.n0, value.n1, value.n2, value.n3 = tied[0]
+        value.weight = wp.vec4(*tied[1])
+        return value
 
     def segments(self, k: int, positions: np.ndarray) -> list[np.ndarray]:
         """Springs that hold body k, from where they are tied to their anchors, image points (2, 2) each."""
@@ -167,26 +215,27 @@ class Springs:
         Args:
             step_under: what a solver's step does to nodes at rest, (N,), under loads per hx hs on them, (N,).
         """
-        held = [i for i, spring in enumerate(self.list) if spring.reach is None and spring.holds(self.iteration)]
+        held = [(place, i) for place, i in enumerate(self._in_force) if self.list[i].reach is None]
+        places = [place for place, _ in held]
         reply, inverse = np.zeros(self.reply.shape), np.zeros(self.inverse.shape)
         hangs = np.zeros((len(held), self.reply.shape[1]))
-        for row, i in enumerate(held):
+        for row, (place, i) in enumerate(held):
             nodes, weights = self.tied[i] or ([], [])
             np.add.at(hangs[row], nodes, weights)
-            reply[i] = step_under(hangs[row] / np.prod(self.owners[i].spacing))
+            reply[place] = step_under(hangs[row] / np.prod(self.owners[i].spacing))
         if held:
-            stiffness = np.array([self.list[i].stiffness for i in held])
-            inverse[np.ix_(held, held)] = np.linalg.inv(np.diag(1 / stiffness) + hangs @ reply[held].T)
+            stiffness = np.array([self.list[i].stiffness for _, i in held])
+            inverse[np.ix_(places, places)] = np.linalg.inv(np.diag(1 / stiffness) + hangs @ reply[places].T)
         self.reply.assign(reply.astype(np.float32))
         self.inverse.assign(inverse.astype(np.float32))
 
     def give_back(self, nodes: wp.array, velocity: wp.array) -> None:
         """Makes the step just done, `velocity`, one that has the springs in its matrix: launches only."""
-        if not self.list:
+        if not self.places:
             return
         wp.launch(
             kernels.give_way,
-            len(self.list),
+            self.places,
             inputs=[self.array, self.inverse, velocity],
             outputs=[self.back],
             device=self.device,
@@ -201,12 +250,10 @@ class Springs:
 
     def add_forces(self, eyes: wp.array, nodes: wp.array, force: wp.array) -> None:
         """Adds their forces: launches only, none where there are no springs."""
-        if not self.list:
+        if not self.places:
             return
-        wp.launch(
-            kernels.spring_force, len(self.list), inputs=[self.array, eyes, nodes], outputs=[force], device=self.device
-        )
-        if any(spring.reach is not None for spring in self.list):
+        wp.launch(kernels.spring_force, self.places, inputs=[self.array, eyes, nodes], outputs=[force], device=self.device)
+        if self.form[1]:
             wp.launch(
                 kernels.volcano_force,
                 len(force),
@@ -214,3 +261,11 @@ class Springs:
                 outputs=[force],
                 device=self.device,
             )
+
+
+def most_at_once(springs: list[Spring]) -> int:
+    """How many are in force at the same time, at the most."""
+    starts = np.sort([spring.start for spring in springs])
+    stops = np.sort([spring.stop for spring in springs if spring.stop is not None])
+    held = np.arange(1, len(starts) + 1) - np.searchsorted(stops, starts, side="right")
+    return int(held.max(initial=0))

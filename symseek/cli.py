@@ -1,4 +1,4 @@
-"""The command line: `symseek run`, `symseek batch`, `symseek demo`, `symseek doctor`.
+"""The command line: `symseek run`, `symseek batch`, `symseek demo`, `symseek studio`, `symseek doctor`.
 
 Exit status 0 done, 2 the input is at fault, 1 anything else. Heavy imports wait until a command needs them.
 """
@@ -40,6 +40,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return examine()
         if options.command == "batch":
             return _batch(options)
+        if options.command == "studio":
+            return _studio(options)
         return _demo(options) if options.command == "demo" else _run(options, options.scene)
     except KeyboardInterrupt:
         print("\nsymseek: interrupted, nothing written", file=sys.stderr)
@@ -73,6 +75,15 @@ def _parser() -> argparse.ArgumentParser:
     )
     demo.add_argument("scene", metavar="NAME", nargs="?", default=DEMO_DEFAULT, help=f"default: {DEMO_DEFAULT}")
     demo.add_argument("--list", action="store_true", help="list the scenes and stop")
+    studio = commands.add_parser(
+        "studio",
+        help="draw, pull and watch models in the browser",
+        description="Draw axes over an image in the browser, watch models grow onto it, pull them and keep the scene.",
+    )
+    studio.add_argument("paths", metavar="SCENE | IMAGE", nargs="*", help="what to open; below the working folder")
+    studio.add_argument("--host", default="127.0.0.1", help="listen elsewhere, then with a token (default: 127.0.0.1)")
+    studio.add_argument("--port", type=int, default=8080, help="default: 8080, or the next that is free")
+    studio.add_argument("--device", default="cpu", help="Warp device: cpu, cuda:0 (default: cpu)")
     for command in (run, demo, batch):
         command.add_argument("--out", metavar="DIR", type=Path, help="folder for the results (default: out/NAME)")
         command.add_argument("--device", default="cpu", help="Warp device: cpu, cuda:0 (default: cpu)")
@@ -183,6 +194,23 @@ def _batch(options: argparse.Namespace) -> int:
         bad = sum(bool(entry.error) for entry in found)
         print(f"{len(found) - bad} of {len(found)} images reconstructed, {sum(e.trusted for e in found)} of them trusted")
     return 2 if any(entry.error for entry in found) else 0
+
+
+def _studio(options: argparse.Namespace) -> int:
+    try:
+        import viser  # noqa: F401
+    except ImportError:
+        print("symseek: the studio needs viser: pip install 'symseek[studio]'", file=sys.stderr)
+        return 1
+    from .checks import SceneError
+    from .studio.serve import serve
+
+    try:
+        serve(options.paths, options.host, options.port, options.device, lambda text: print(text, flush=True))
+    except SceneError as problem:
+        print(f"symseek: {problem}", file=sys.stderr)
+        return 2
+    return 0
 
 
 class Show:

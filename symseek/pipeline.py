@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from .render.visibility import DepthPass
 
 Callback = Callable[[Any], "bool | None"]
-"""Called with a `Progress` each iteration or a `Shown` each frame; returning True stops, and what is there is measured."""
+"""Called with a `Progress` each iteration or a `Shown` each frame; returning True stops, and the rest is measured."""
 
 
 @dataclasses.dataclass(kw_only=True)
@@ -201,14 +201,14 @@ def _kept(scene: Scene, out: Path, resume: bool) -> Kept | None:
         raise SceneError(str(out), "", str(problem), "run it without --resume") from problem
 
 
-class _DepthPass:
+class DepthPasses:
     """Depth passes by OpenGL, or where there is none by rays; OpenGL is not touched unless something may be hidden."""
 
     def __init__(self) -> None:
         self._drawn: DepthPass | None = None
         self.lacks = False
 
-    def __enter__(self) -> _DepthPass:
+    def __enter__(self) -> DepthPasses:
         return self
 
     def __exit__(self, *problem: object) -> None:
@@ -247,7 +247,7 @@ def _solve(
             found = track(frames, scene.views, scene.tubes, scene.settings, scene.tracking, device, callback, kept)
             scene = dataclasses.replace(scene, views=found.views)
         elif scene.tubes:
-            with _DepthPass() as look:
+            with DepthPasses() as look:
                 found = still.reconstruct(scene.views, scene.tubes, scene.settings, device, callback, every, threads, look)
             if look.lacks:
                 found.settings = dataclasses.replace(found.settings, visibility="rays")

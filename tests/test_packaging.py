@@ -16,7 +16,7 @@ import pytest
 import symseek
 
 ROOT = Path(__file__).resolve().parents[1]
-FOLDERS = ["kernels", "sim", "render", "scenes"]
+FOLDERS = ["kernels", "sim", "render", "scenes", "studio"]
 
 
 @pytest.fixture(scope="module")

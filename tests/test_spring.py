@@ -1,5 +1,6 @@
 """Springs and volcanoes against differences of their energies, implicit against a direct solution, when they hold."""
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -8,12 +9,15 @@ import warp as wp
 
 import symseek
 from symseek import cli
+from symseek.kernels import spring as kernels
+from symseek.sim.assembly import Assembly, maps_of
 from symseek.sim.body import Body
 from symseek.sim.camera import Camera
 from symseek.sim.curve import evenly
 from symseek.sim.problem import Tube
 from symseek.sim.reconstruct import reconstruct
-from symseek.sim.spring import Held, Spring, Springs
+from symseek.sim.relax import Relaxation
+from symseek.sim.spring import Held, Spring, Springs, most_at_once
 from tests import reference
 from tests.rig import Rig, circles, even_spine
 
@@ -185,6 +189,50 @@ def test_a_spring_pulls_a_tube_and_lets_go():
     before = np.concatenate([evenly(piece, 6000, False) for piece in rest.contour])
     gap = np.linalg.norm(np.concatenate(found.contour)[:, None] - before[None], axis=2).min(axis=1)
     assert gap.max() < 0.5
+
+
+def test_a_run_that_is_pulled_while_it_goes_on_is_played_again_bit_by_bit():
+    """Springs and a volcano, added one after the other on the way and at rest, against the same ones known beforehand."""
+    scene = symseek.load(cli.demos()["squash"])
+    tube = scene.tubes[0]
+    with ThreadPoolExecutor(1) as pool:
+        part = Relaxation(Assembly(scene.views, [tube], scene.settings, "cpu", maps_of(scene.views, [tube])), pool)
+        wp.load_module(kernels, device="cpu")
+        part.advance(37)
+        first = part.pull(0, Spring((300.0, 240.0), point=(0.24, 0.5), stiffness=2.0))
+        second = part.pull(0, Spring((165.0, 183.0, -45.0), point=(0.48, 0.25)))
+        part.advance(41)
+        part.let_go(first)
+        part.advance(10_000)
+        assert part.done and part.converged and part.last
+        at_rest = part.iteration, part.scene.world(0)[0]
+        part.let_go(second)
+        third = part.pull(0, Spring((300.0, 360.0), reach=30.0, stiffness=0.01))
+        part.advance(83)
+        part.let_go(third)
+        assert np.abs(part.scene.world(0)[0] - at_rest[1]).max() > 3
+        part.advance(10_000)
+        assert part.converged and part.iteration > at_rest[0] + 83
+    springs, settings = tuple(part.scene.springs.list), part.scene.settings
+    assert [s.start for s in springs] == [37, 37, at_rest[0]] and springs[0].stop == 78
+    found = reconstruct(scene.views, [replace(tube, springs=springs)], settings)
+    assert found.objects[0].converged and found.objects[0].iterations == part.iteration
+    assert np.array_equal(found.objects[0].tube[0], part.scene.world(0)[0])
+
+
+def test_a_spring_cannot_take_hold_in_the_past():
+    rig, held = _springs(CAMERAS["orthographic"])
+    held.set(7, rig.state.tube.numpy())
+    with pytest.raises(ValueError, match="at iteration 6, which is over"):
+        held.add(0, Spring((0.0, 0.0), point=(0.0, 0.0), start=6))
+
+
+@pytest.mark.parametrize(
+    "times, most",
+    [([], 0), ([(0, None)], 1), ([(0, 5), (5, 9)], 1), ([(0, 6), (5, 9)], 2), ([(2, 9), (3, 4), (4, None), (4, 8)], 3)],
+)
+def test_how_many_springs_pull_at_once(times, most):
+    assert most_at_once([Spring((0.0, 0.0), (0.0, 0.0), start=a, stop=b) for a, b in times]) == most
 
 
 def test_a_body_without_an_image_takes_no_springs():

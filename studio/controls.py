@@ -1,0 +1,272 @@
+"""The panel beside the picture: buttons, sliders and running plots, and what they call."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from viser import GuiEvent, uplot
+
+from symseek.sim.material import Material
+
+from .drawing import rgb
+from .part import Snapshot
+from .session import Item
+
+if TYPE_CHECKING:
+    from .page import Page
+
+TOOLS = {
+    "Draw": "click points along the object's axis, from one end to the other, then **Run**. Drag a point to move it, click "
+    "on the line to put one between, shift-click to delete one.",
+    "Pull": "drag any place of a model; let go, and it returns.",
+    "Pin": "drag any place of a model; the spring stays where you let go, until **Undo**.",
+    "Push": "press the mouse beside a model and move: it is pushed away.",
+    "Crease": "click where the object has a sharp edge across.",
+    "Gap": "click where the object is broken in two.",
+    "Not here": "click on what is not the object.",
+}
+PLOTTED = 0.25
+"""Seconds between two updates of plots and numbers."""
+
+
+@dataclass(frozen=True)
+class Slider:
+    """A weight of the material, or two that go together."""
+
+    label: str
+    names: tuple[str, ...]
+    low: float
+    high: float
+    logarithmic: bool = False
+    """the slider counts in powers of ten about the default."""
+    with_: tuple[str, float] | None = None
+    """a weight that this one needs beside it."""
+
+    def values(self, at: float) -> dict[str, float | None]:
+        """Weights for a place of the slider; None is the default."""
+        if self.logarithmic:
+            return {n: None if at == 0 else float(f"{getattr(Material(), n) * 10**at:.3g}") for n in self.names}
+        out: dict[str, float | None] = {n: None if at == self.at({}) else at for n in self.names}
+        return out | ({self.with_[0]: None if at == self.at({}) else self.with_[1]} if self.with_ else {})
+
+    def at(self, material: dict[str, Any]) -> float:
+        """The place of the slider for a table of weights."""
+        first = getattr(Material(), self.names[0])
+        value = material.get(self.names[0], first)
+        if value is None:
+            return self.low
+        if not isinstance(value, int | float):
+            return 0.0 if self.logarithmic else first
+        place = float(np.log10(max(value, 1e-30) / first)) if self.logarithmic else float(value)
+        return float(np.clip(round(place, 2), self.low, self.high))
+
+
+SLIDERS = (
+    Slider("Spine: rigidity", ("w2",), -3.0, 3.0, True),
+    Slider("Tube: rigidity", ("w20", "w02"), -3.0, 3.0, True),
+    Slider("Symmetry b", ("b",), 0.0, 4.0),
+    Slider("Inflation c", ("c",), -0.3, 0.3),
+    Slider("Spine: natural length", ("L1",), 0.0, 2.0, with_=("k1", 1.0)),
+)
+
+
+class Controls:
+    """The panel.
+
+    Args:
+        page: whose methods the buttons call.
+    """
+
+    def __init__(self, page: Page):
+        self.page = page
+        self._plotted = 0.0
+        gui = self.gui = page.server.gui
+        gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(47, 120, 200))
+        gui.set_panel_label("symseek studio")
+        gui.main_panel.dock_right()
+        self.hint = gui.add_markdown("")
+        with gui.add_folder("File", expand_by_default=True):
+            self.files = gui.add_dropdown("Open", self._listing())
+            self._button("Open", lambda: page.open(self.files.value))
+        self._buttons("Tool", tuple(TOOLS), self._take_tool)
+        self._buttons("Run", ("Run", "Pause", "Step", "Reset"), page.run)
+        self._buttons("Steps", ("Undo", "Redo"), page.undo)
+        self.state = gui.add_markdown("")
+        view = gui.add_button_group("View", ("Through the camera", "In space"))
+
+        @view.on_click
+        async def _(event: GuiEvent) -> None:
+            if event.client is not None:
+                page.look(event.client, event.target.value == "In space")
+
+        self._objects()
+        self._shape()
+        with gui.add_folder("Plots", expand_by_default=False):
+            self.residual = self._plot("residual force, powers of ten [lengths of the spine]", "#d62728")
+            self.error = self._plot("contour to edge, mean [px]", "#1f77b4")
+        with gui.add_folder("Keep"):
+            self.name = gui.add_text("Name", "")
+            self._button("Save", lambda: page.save(self.name.value))
+            self._button("Results", lambda: page.results(self.name.value))
+            self._button("Web page", lambda: page.html(self.name.value))
+            self._button("Start over", page.start_over)
+
+    def _button(self, label: str, what: Callable[[], Any]) -> None:
+        self.gui.add_button(label).on_click(lambda _: what())
+
+    def _buttons(self, label: str, options: Sequence[str], what: Callable[[str], Any]) -> None:
+        group = self.gui.add_button_group(label, options)
+
+        @group.on_click
+        async def _(event: GuiEvent) -> None:
+            if event.client is not None:
+                what(event.target.value)
+
+    def _take_tool(self, tool: str) -> None:
+        self.page.tool = tool
+        self.page.refresh()
+
+    def _listing(self) -> list[str]:
+        return self.page.folder.listing() or ["(no image here)"]
+
+    def _on(self, handle: Any, what: Callable[[Any], Any]) -> Any:
+        """Calls back with the value that a person gave, not with those that the studio set."""
+
+        @handle.on_update
+        async def _(event: GuiEvent) -> None:
+            if event.client is not None:
+                what(event.target.value)
+
+        return handle
+
+    def _chosen(self, what: Callable[[Any, int], Any]) -> None:
+        uid = self.page.chosen
+        if uid is not None:
+            self.page.act(lambda session: what(session, uid))
+
+    def _objects(self) -> None:
+        gui, page = self.gui, self.page
+        with gui.add_folder("Object"):
+            self.objects = self._on(gui.add_dropdown("Chosen", ["-"]), self._choose)
+            self._buttons("Objects", ("New", "Delete", "Nearer", "Further"), self._object)
+            self.title = self._on(gui.add_text("Called", ""), lambda v: self._chosen(lambda s, uid: s.rename(uid, v)))
+            self.colour = self._on(
+                gui.add_rgb("Colour", (255, 255, 255)),
+                lambda v: self._chosen(lambda s, uid: s.recolour(uid, "#{:02x}{:02x}{:02x}".format(*v))),
+            )
+            self.radius = self._on(
+                gui.add_slider("Radius, 0: from the image", 0.0, 100.0, 0.5, 0.0),
+                lambda v: self._chosen(lambda s, uid: s.set_radius(uid, v or None)),
+            )
+        self._uids: list[int] = []
+        page.tool = "Draw"
+
+    def _shape(self) -> None:
+        gui = self.gui
+        with gui.add_folder("Shape by hand", expand_by_default=False):
+            self.sliders = []
+            for slider in SLIDERS:
+                first = slider.at({})
+                handle = gui.add_slider(slider.label, slider.low, slider.high, 0.01, first)
+                self._on(handle, lambda v, s=slider: self._chosen(lambda x, uid: x.set_weight(uid, s.values(v))))
+                self.sliders.append((slider, handle))
+            self.shut = self._on(
+                gui.add_checkbox("Ends shut", True),
+                lambda v: self._chosen(lambda s, uid: s.set_weight(uid, {"closed": None if v else False})),
+            )
+            self._button("Clear creases, marks, springs", lambda: self._chosen(lambda s, uid: s.clear(uid)))
+            self.speed = gui.add_slider("Iterations a second, at most", 50, 5000, 50, 1000)
+            self._on(self.speed, lambda v: setattr(self.page.engine, "speed", float(v)))
+
+    def _plot(self, title: str, colour: str) -> Any:
+        return self.gui.add_uplot(
+            (np.zeros(1), np.zeros(1)), (uplot.Series(label="iteration"), uplot.Series(label="", stroke=colour, width=2)),
+            title=title, height=150, scales={"x": uplot.Scale(time=False)}, legend=uplot.Legend(show=False),
+        )  # fmt: skip
+
+    def _choose(self, label: str) -> None:
+        if label in self.objects.options and self._uids:
+            self.page.chosen = self._uids[self.objects.options.index(label)]
+            self.page.refresh()
+
+    def _object(self, what: str) -> None:
+        page = self.page
+        if what == "New":
+            page.act(lambda session: setattr(page, "chosen", session.add()))
+            self._take_tool("Draw")
+        elif what == "Delete":
+            self._chosen(lambda s, uid: s.remove(uid))
+        else:
+            self._chosen(lambda s, uid: s.move(uid, -1 if what == "Nearer" else 1))
+
+    def update(self) -> None:
+        """Shows the session's state."""
+        page, session = self.page, self.page.session
+        if session is None:
+            self.hint.content = "**Open** a photograph or a scene file."
+            return
+        self.hint.content = f"**{page.tool}**: {TOOLS[page.tool]}"
+        if page.path in self.files.options:
+            self.files.value = page.path
+        items = session.state.items
+        self._uids = [i.uid for i in items]
+        labels = [_label(i, items) for i in items] or ["-"]
+        if tuple(labels) != self.objects.options:
+            self.objects.options = labels
+        if not self.name.value:
+            self.name.value = f"{session.name}-studio"
+        item = next((i for i in items if i.uid == page.chosen), None)
+        if item is None:
+            return
+        self.objects.value = labels[self._uids.index(item.uid)]
+        self.title.value, self.colour.value = item.name, rgb(item.colour)
+        height, width = session.view.image.shape[:2]
+        self.radius.max = float(max(100.0, round(0.25 * min(height, width)) * session.scale))
+        self.radius.value = float(min(item.table.get("radius") or 0.0, self.radius.max))
+        material = dict(item.table.get("material", {}))
+        for slider, handle in self.sliders:
+            handle.value = slider.at(material)
+        self.shut.value = bool(material.get("closed", True))
+
+    def follow(self, s: Snapshot | None, line: Sequence[tuple[int, float, float]]) -> None:
+        """Shows where the chosen object's run is; not at every call."""
+        now = time.monotonic()
+        if now - self._plotted < PLOTTED and not (s is None or s.done):
+            return
+        self._plotted = now
+        session = self.page.session
+        steps = "" if session is None else ", ".join(
+            f"{verb} {what}" for verb, what in (("undo", session.can_undo), ("redo", session.can_redo)) if what
+        )  # fmt: skip
+        self.state.content = _described(s) + (f"  \n{steps}" if steps else "")
+        if len(line) > 1:
+            i, residual, error = (np.array(c, float) for c in zip(*line, strict=True))
+            self.residual.data = (i, np.log10(np.where(np.isfinite(residual), np.maximum(residual, 1e-12), 1.0)))
+            self.error.data = (i, np.nan_to_num(error))
+
+
+def _label(item: Item, items: Sequence[Item]) -> str:
+    depths = sorted(i.depth for i in items if i.is_tube)
+    if not item.is_tube:
+        return f"{item.name} ({item.table['kind']})"
+    place = depths.index(item.depth) + 1
+    return f"{item.name} [{place}]" if len(set(depths)) > 1 else item.name
+
+
+def _described(s: Snapshot | None) -> str:
+    if s is None:
+        return "not drawn yet"
+    if s.diverged:
+        where = "**diverged**: undo, or draw another axis"
+    elif s.converged and s.done:
+        where = "at rest"
+    else:
+        where = f"scale {s.stage + 1} of {s.stages}"
+    text = f"iteration {s.iteration}, {where}, sigma {s.sigma:.1f} px"
+    if s.support is not None:
+        text += f", contour {s.support[0]:.2f} px from the image's edges, {s.support[1]:.0%} supported"
+    return text

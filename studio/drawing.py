@@ -1,0 +1,261 @@
+"""What is seen: the photograph as a plane with the models drawn on it, and the models in space before it.
+
+The viewer's space is the photograph's: x and y are column and row, z leads away. What is drawn on the photograph is
+projected by the scene's own camera, so it lies where it belongs whatever the viewer's eye does; models in space are turned,
+scaled and moved as a whole to where that camera sees their middle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import viser
+
+from symseek.sim.fields import Cut, pieces
+from symseek.sim.initial import lift
+from symseek.sim.problem import View
+from symseek.sim.surface import is_closed, refine, smooth_pieces
+
+from .part import Snapshot
+from .session import Point
+
+SIDE_MOST = 2048
+"""Pixels of the longer side of the photograph as it is sent."""
+FINE = (16, 11, 6)
+"""Meridians and rings of a wire frame, and segments from one crossing to the next; less with many models."""
+MANY = 8
+"""Models from which on fewer lines and triangles are drawn."""
+LAYER = 1e-3
+"""Between what lies on the photograph, one above the other [its shorter side]."""
+SPRING, AXIS, SPINE = (255, 148, 40), (255, 255, 255), (255, 222, 60)
+
+
+class Frame:
+    """Between the world and the viewer's space; see the module.
+
+    Args:
+        view: image and camera.
+        depth: of what lies about the photograph's middle [world units].
+    """
+
+    def __init__(self, view: View, depth: float):
+        self.camera = view.camera
+        height, width = view.image.shape[:2]
+        middle = np.array([(width - 1) / 2, (height - 1) / 2])
+        self.origin = lift(middle[None], view.camera, depth)[0]
+        step = 1e-4 * max(float(np.abs(self.origin).max()), 1.0)
+        rate = [
+            (view.camera.project(self.origin + step * e) - view.camera.project(self.origin - step * e)) for e in np.eye(3)
+        ]
+        along = np.array(rate).T / (2 * step)
+        away = view.camera.sight(self.origin)
+        right = along[0] - away * (along[0] @ away)
+        right /= np.linalg.norm(right)
+        self.turn = np.stack([right, np.cross(away, right), away])
+        self.scale = float(np.linalg.norm(along[1]))
+        self.at = np.array([*middle, -0.45 * min(height, width)])
+
+    def shown(self, points: np.ndarray) -> np.ndarray:
+        """World points (..., 3) in the viewer's space."""
+        return self.scale * (points - self.origin) @ self.turn.T + self.at
+
+    def world(self, points: np.ndarray) -> np.ndarray:
+        """The other way."""
+        return (points - self.at) @ self.turn / self.scale + self.origin
+
+
+def material_point(snapshot: Snapshot, gaps: np.ndarray) -> tuple[float, float]:
+    """Coordinates (x, s) of the node where `gaps`, shape (N_x, N_s), is least."""
+    i, j = np.unravel_index(int(gaps.argmin()), gaps.shape)
+    nx, ns = snapshot.tube.shape[:2]
+    return float(i / nx), float(j / (ns - 1))
+
+
+def away_from(snapshot: Snapshot, view: View, place: Point) -> np.ndarray:
+    """How far each node is from an image point [px], shape (N_x, N_s); those on the far side a little more."""
+    gaps = np.linalg.norm(view.camera.project(snapshot.tube) - np.asarray(place), axis=2)
+    depth = view.camera.distance(snapshot.tube)
+    return gaps + np.where(depth > depth.mean(axis=0) + 1e-6, 0.05 * np.ptp(gaps), 0.0)
+
+
+def rgb(colour: str) -> tuple[int, int, int]:
+    """Numbers of a colour "#rrggbb"."""
+    return int(colour[1:3], 16), int(colour[3:5], 16), int(colour[5:7], 16)
+
+
+class Drawing:
+    """The nodes of the viewer's scene.
+
+    Args:
+        scene: of the viser server.
+        view: image and camera.
+        frame: see `Frame`.
+    """
+
+    def __init__(self, scene: viser.SceneApi, view: View, frame: Frame):
+        self.scene, self.view, self.frame = scene, view, frame
+        height, width = view.image.shape[:2]
+        self.size = np.array([width, height], float)
+        self.unit = float(min(width, height))
+        self._models: dict[int, viser.MeshHandle] = {}
+        self._faces: dict[int, tuple] = {}
+        scene.reset()
+        scene.set_up_direction("-y")
+        scene.configure_default_lights(True, cast_shadow=False)
+        pixels = view.image if view.image.ndim == 3 else np.repeat(view.image[..., None], 3, axis=2)
+        thin = -(-max(height, width) // SIDE_MOST)
+        pixels = np.rint(pixels[: height - height % thin, : width - width % thin] * 255).astype(np.uint8)
+        if thin > 1:
+            h, w = pixels.shape[0] // thin, pixels.shape[1] // thin
+            pixels = pixels.reshape(h, thin, w, thin, 3).mean(axis=(1, 3)).astype(np.uint8)
+        shown = np.array(pixels.shape[1::-1]) * thin
+        self.picture = scene.add_image(
+            "/photograph", pixels, *shown, jpeg_quality=92, cast_shadow=False,
+            receive_shadow=False, position=(*(shown - 1) / 2, 0.0),
+        )  # fmt: skip
+        self._lines = {
+            name: scene.add_line_segments(
+                f"/drawn/{name}", np.zeros((1, 2, 3)), np.zeros((1, 2, 3), np.uint8), thickness=thickness,
+                thickness_units="screen", position=(0, 0, -LAYER * self.unit * layer), visible=False,
+            )
+            for layer, (name, thickness) in enumerate(
+                (("wire", 1.0), ("contour", 3.0), ("spine", 2.0), ("axis", 2.0), ("springs", 3.0)), 1
+            )
+        }  # fmt: skip
+        self._points = scene.add_point_cloud(
+            "/drawn/points", np.zeros((1, 3)), np.zeros((1, 3), np.uint8), point_size=0.011 * self.unit,
+            point_shape="circle", precision="float32", point_shading="flat", visible=False,
+            position=(0, 0, -LAYER * self.unit * 7),
+        )  # fmt: skip
+
+    def _set(self, name: str, parts: Sequence[tuple[np.ndarray, tuple[int, int, int]]]) -> None:
+        """Segments (n, 2, 2) in the photograph, each lot of one colour."""
+        node = self._lines[name]
+        parts = [(p[np.isfinite(p).all(axis=(1, 2))], c) for p, c in parts]
+        count = sum(len(p) for p, _ in parts)
+        if count == 0:
+            node.visible = False
+            return
+        points = np.zeros((count, 2, 3), np.float32)
+        points[..., :2] = np.concatenate([p for p, _ in parts])
+        node.points = points
+        node.colors = np.repeat(np.array([c for _, c in parts], np.uint8), [len(p) for p, _ in parts], axis=0)[
+            :, None
+        ].repeat(2, axis=1)
+        node.visible = True
+
+    def models(self, snapshots: Mapping[int, Snapshot], colours: Mapping[int, str], in_space: bool) -> None:
+        """Draws models on the photograph, the further ones first, or in space."""
+        order = sorted(snapshots, key=lambda uid: -float(self.view.camera.distance(snapshots[uid].spine).mean()))
+        wires, contours, spines, springs = [], [], [], []
+        many = len(order) >= MANY
+        for uid in order:
+            s, colour = snapshots[uid], rgb(colours.get(uid, "#ffffff"))
+            wire, contour = _lines(s, self.view, *((5, 5, 1) if many else FINE))
+            wires.append((wire, tuple(round(0.55 * c + 0.45 * 255) for c in colour)))
+            contours.append((contour, colour))
+            spines.append((_along(self.view.camera.project(s.spine), s.cuts), SPINE))
+            springs += [(np.asarray(pull)[None], SPRING) for pull in s.pulls]
+        self._set("wire", wires)
+        self._set("contour", contours)
+        self._set("spine", spines)
+        self._set("springs", springs)
+        for uid in [uid for uid in self._models if uid not in snapshots]:
+            self._models.pop(uid).remove()
+        if in_space:
+            for uid in order:
+                self._model(uid, snapshots[uid], rgb(colours.get(uid, "#ffffff")), many)
+        for model in self._models.values():
+            model.visible = in_space
+
+    def _model(self, uid: int, s: Snapshot, colour: tuple[int, int, int], many: bool) -> None:
+        nx, ns = s.tube.shape[:2]
+        vertices, faces = refine(s.tube, 2 * (nx // (4 if many else 1)), ns if many else 2 * ns - 1, s.cuts)
+        vertices = self.frame.shown(vertices).astype(np.float32)
+        kind = (len(vertices), tuple(s.cuts))
+        if uid in self._models and self._faces[uid] == kind:
+            self._models[uid].vertices = vertices
+            self._models[uid].color = colour
+        else:
+            self._models[uid] = self.scene.add_mesh_simple(f"/models/{uid}", vertices, faces.astype(np.uint32), color=colour)
+            self._faces[uid] = kind
+
+    def in_space(self) -> Mapping[int, viser.MeshHandle]:
+        """Models in space, by uid."""
+        return dict(self._models)
+
+    def axes(self, axes: Sequence[tuple[np.ndarray, str, bool]]) -> None:
+        """Draws the rough axes, (n, 2) each with its colour, the chosen one with its points."""
+        self._set("axis", [(_segments(a), AXIS if chosen else rgb(c)) for a, c, chosen in axes if len(a) > 1])
+        dots = [(a, rgb(c)) for a, c, chosen in axes if chosen and len(a)]
+        self._points.visible = bool(dots)
+        if dots:
+            points, colour = dots[0]
+            self._points.points = np.column_stack([points, np.zeros(len(points))]).astype(np.float32)
+            self._points.colors = np.tile(np.array(colour, np.uint8), (len(points), 1))
+
+
+def _segments(line: np.ndarray) -> np.ndarray:
+    """A polyline (n, 2) as segments (n - 1, 2, 2)."""
+    return np.stack([line[:-1], line[1:]], axis=1)
+
+
+def _along(line: np.ndarray, cuts: Sequence[Cut]) -> np.ndarray:
+    parts = [_segments(line[first : last + 1]) for first, last in pieces(len(line), cuts)]
+    return np.concatenate(parts)
+
+
+def _lines(s: Snapshot, view: View, around: int, along: int, each: int) -> tuple[np.ndarray, np.ndarray]:
+    """Wire frame on the side that the camera sees, and occluding contour, as segments (n, 2, 2) in the photograph.
+
+    Args:
+        s: the model.
+        view: image and camera.
+        around, along: meridians and rings.
+        each: segments of a line from one crossing to the next; 1: through the tube's own nodes.
+    """
+    ns, closed = s.tube.shape[1], is_closed(s.tube)
+    ends = pieces(ns, s.cuts)
+    if each > 1:
+        grids = smooth_pieces(s.tube, each * around, each * (along + 1) + 1, s.cuts)
+    else:
+        grids = [s.tube[:, first : last + 1] for first, last in ends]
+    wires, contours = [], []
+    for grid, (first, last) in zip(grids, ends, strict=True):
+        n, m, _ = grid.shape
+        ds = np.gradient(grid, axis=1)
+        normal = np.cross(np.roll(grid, -1, axis=0) - np.roll(grid, 1, axis=0), ds)
+        if closed and first == 0:
+            normal[:, 0] = -ds[:, 1].mean(axis=0)
+        if closed and last == ns - 1:
+            normal[:, -1] = ds[:, -2].mean(axis=0)
+        facing = (view.camera.sight(grid) * normal).sum(axis=2)
+        facing, seen = (np.concatenate([v, v[:1]]) for v in (facing, view.camera.project(grid)))
+        near = facing <= 0
+        rings = np.unique(np.linspace(0, m - 1, max(along * (last - first) // (ns - 1), 1) + 2).astype(int))[1:-1]
+        lines = np.unique(np.linspace(0, n, around, endpoint=False).astype(int))
+        a = np.stack([seen[:-1], seen[1:]], axis=2)[:, rings][(near[:-1] & near[1:])[:, rings]]
+        b = np.stack([seen[:, :-1], seen[:, 1:]], axis=2)[lines][(near[:, :-1] & near[:, 1:])[lines]]
+        wires += [a, b]
+        contours.append(_zero(facing, seen))
+    return np.concatenate(wires), np.concatenate(contours)
+
+
+def _zero(f: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Segments (n, 2, 2) of the line f = 0 on a grid, f (n, m) at places `at` (n, m, 2); two triangles a cell."""
+    corners = [(v[:-1, :-1], v[1:, :-1], v[1:, 1:], v[:-1, 1:]) for v in (f, at)]
+    (fa, fb, fc, fd), (a, b, c, d) = corners
+    values = np.stack([np.stack([fa, fb, fc], -1), np.stack([fa, fc, fd], -1)]).reshape(-1, 3)
+    places = np.stack([np.stack([a, b, c], -2), np.stack([a, c, d], -2)]).reshape(-1, 3, 2)
+    high = values > 0
+    crossed = high.any(axis=1) & ~high.all(axis=1)
+    values, places, high = values[crossed], places[crossed], high[crossed]
+    lone = np.argmax(high == (high.sum(axis=1) == 1)[:, None], axis=1)  # the corner whose sign is not the others'
+    rows, segments = np.arange(len(lone)), []
+    for k in (1, 2):
+        other = (lone + k) % 3
+        u, v = values[rows, lone], values[rows, other]
+        t = (u / (u - v))[:, None]
+        segments.append((1 - t) * places[rows, lone] + t * places[rows, other])
+    return np.stack(segments, axis=1)

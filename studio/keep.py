@@ -1,0 +1,207 @@
+"""What the studio reads and writes: scene files, images and autosaves, all under the folder that it was started in."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from symseek.checks import SceneError
+from symseek.scene import find, load
+
+from .session import PALETTE, Item, Session, State
+
+IMAGES = {".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".npy"}
+SCENE_MOST = 10_000_000
+"""Bytes of a scene file."""
+LISTED = 500
+"""Files that the picker shows."""
+AUTOSAVE = ".symseek-studio"
+
+
+class Folder:
+    """The folder that the studio was started in; nothing outside is read or written.
+
+    Args:
+        root: the folder.
+    """
+
+    def __init__(self, root: Path):
+        self.root = root.resolve()
+        self._ours: set[Path] = set()
+
+    def inside(self, path: str | Path) -> Path:
+        """The path with its links followed.
+
+        Raises:
+            SceneError: it leads out of the folder.
+        """
+        full = (self.root / path).resolve()
+        if not full.is_relative_to(self.root):
+            raise SceneError(str(path), "", f"lies outside {self.root}", "start the studio in the folder that holds it")
+        return full
+
+    def listing(self) -> list[str]:
+        """Images and scene files in the folder and below, without hidden folders; relative to it."""
+        found: list[str] = []
+        for folder, below, files in os.walk(self.root):
+            below[:] = sorted(name for name in below if not name.startswith("."))
+            for name in sorted(files):
+                path = Path(folder, name)
+                if path.suffix.lower() in IMAGES or (path.suffix == ".toml" and _is_scene(path)):
+                    found.append(str(path.relative_to(self.root)))
+                if len(found) == LISTED:
+                    return found
+        return found
+
+    def open(self, path: str) -> tuple[Session, bool]:
+        """A session on an image or a scene file; whether it was brought back from an autosave.
+
+        Raises:
+            SceneError: the file is at fault, or lies outside the folder.
+        """
+        if path.startswith("skimage:"):
+            state, base = State({"view": [{"image": path}], "name": path.removeprefix("skimage:")}), self.root
+        else:
+            full = find(self.inside(path))
+            state, base = (self._scene(full) if full.suffix == ".toml" else self._image(full)), full.parent
+        session = Session(state, base, Path(path).name)
+        kept = self._autosave(path)
+        if not kept.is_file():
+            return session, False
+        try:
+            before = State.of(kept.read_text(encoding="utf-8"))
+            if before.top["view"] != state.top["view"] or before == state:
+                return session, False
+            restored = Session(before, base, Path(path).name)
+        except (KeyError, ValueError):  # from another version, or the scene is another by now
+            return session, False
+        return restored, True
+
+    def first(self, path: str) -> State:
+        """What the file itself holds."""
+        full = find(self.inside(path))
+        return self._scene(full) if full.suffix == ".toml" else self._image(full)
+
+    def _scene(self, full: Path) -> State:
+        if full.is_file() and full.stat().st_size > SCENE_MOST:
+            raise SceneError(full.name, "", f"has {full.stat().st_size / 1e6:.0f} MB", "a scene file is a few kB of text")
+        data = _tables(full)
+        for view in data.get("view", []):
+            for key in ("image", "ignore"):
+                value = view.get(key, "") if isinstance(view, Mapping) else ""
+                if isinstance(value, str) and not value.startswith("skimage:"):
+                    self.inside(full.parent / os.path.expandvars(os.path.expanduser(value)))
+        scene = load(full)
+        if len(scene.views) > 1 or scene.frames:
+            what = "moves" if scene.frames else f"has {len(scene.views)} views"
+            raise SceneError(full.name, "view", f"the scene {what}", "the studio shows one still image: use symseek run")
+        top = {"name": scene.name, **{k: v for k, v in scene.text.items() if k != "object"}}
+        tables = [{"name": scene.name, **table} for table in scene.text["object"]]
+        items = [Item(k + 1, table, PALETTE[k % len(PALETTE)]) for k, table in enumerate(tables)]
+        return State.of(State(top, tuple(items)).text())
+
+    def _image(self, full: Path) -> State:
+        # as a name, letters that a file's name could not have go
+        name = "".join(c if c.isalnum() or c in " ._-" else "-" for c in full.stem).strip(" .")[:60] or "object"
+        return State({"name": name, "view": [{"image": full.name}]})
+
+    def autosave(self, path: str, session: Session) -> None:
+        """Keeps the state of what was opened as `path`."""
+        write_whole(self._autosave(path), session.state.text())
+
+    def _autosave(self, path: str) -> Path:
+        return self.inside(Path(AUTOSAVE) / (path.replace(os.sep, "__").replace("/", "__").replace(":", "_") + ".json"))
+
+    def save(self, session: Session, name: str) -> Path:
+        """Writes the scene file NAME.toml beside the image.
+
+        Raises:
+            SceneError: it is not finished, the name is no file's, or a file of that name was there before.
+        """
+        tables = {**session.tables(), "name": name}
+        Session(State({**session.state.top, "name": name}), session.base, session.source)  # checks the name
+        return self.write(session, f"{name}.toml", toml(tables))
+
+    def write(self, session: Session, name: str, text: str) -> Path:
+        """Writes a file beside the image.
+
+        Raises:
+            SceneError: a file of that name was there before, or it would lie outside.
+        """
+        full = self.inside(session.base / name)
+        if full.exists() and full not in self._ours:
+            raise SceneError(full.name, "", "is there already", "choose another name")
+        write_whole(full, text)
+        self._ours.add(full)
+        return full
+
+
+def _is_scene(path: Path) -> bool:
+    """Whether a TOML file speaks of views, which a project's own files do not."""
+    try:
+        with path.open("rb") as file:
+            return path.stat().st_size < SCENE_MOST and b"[[view]]" in file.read(100_000)
+    except OSError:
+        return False
+
+
+def _tables(path: Path) -> dict[str, Any]:
+    import tomllib
+
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}  # `load` says what is wrong with it
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Writes a file, the whole of it or nothing.
+
+    Raises:
+        SceneError: the folder cannot be written.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, half = tempfile.mkstemp(prefix=".symseek-", dir=path.parent)
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            file.write(text)
+        os.chmod(half, 0o644)
+        os.replace(half, path)
+    except OSError as problem:
+        raise SceneError(path.name, "", f"cannot be written ({problem.strerror})", "make room, or allow it") from None
+
+
+def toml(tables: Mapping[str, Any]) -> str:
+    """A scene's tables as the text of its file: numbers as they are, tables within tables in one line."""
+    heads = [(k, v) for k, v in tables.items() if not isinstance(v, Mapping) and not _is_tables(v)]
+    lines = [f"{_key(k)} = {_value(v)}" for k, v in heads]
+    for key, value in tables.items():
+        for table in [value] if isinstance(value, Mapping) else value if _is_tables(value) else []:
+            lines += ["", f"[{_key(key)}]" if isinstance(value, Mapping) else f"[[{_key(key)}]]"]
+            lines += [f"{_key(k)} = {_value(v, True)}" for k, v in table.items() if v is not None]
+    return "\n".join(lines) + "\n"
+
+
+def _is_tables(value: Any) -> bool:
+    return isinstance(value, list | tuple) and len(value) > 0 and all(isinstance(v, Mapping) for v in value)
+
+
+def _key(key: str) -> str:
+    return key if key and all(c.isascii() and (c.isalnum() or c in "_-") for c in key) else _value(key)
+
+
+def _value(value: Any, lines: bool = False) -> str:
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(f"{_key(k)} = {_value(v)}" for k, v in value.items() if v is not None) + " }"
+    if isinstance(value, list | tuple):
+        parts = [_value(v) for v in value]
+        return "[\n    " + ",\n    ".join(parts) + ",\n]" if lines and _is_tables(value) else "[" + ", ".join(parts) + "]"
+    return repr(value)

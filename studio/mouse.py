@@ -1,0 +1,171 @@
+"""Clicks and drags on the photograph and on models in space: points of an axis, creases and marks, pulls."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import viser
+
+from .drawing import Drawing, away_from, material_point
+from .session import Session
+
+if TYPE_CHECKING:
+    from .page import Page
+
+NEAR = 9.0
+"""How near a click is to what it means [screen px]."""
+
+
+class Mouse:
+    """What the mice of all windows do; one holds a point or a model at a time.
+
+    Args:
+        page: with the session and the tool in hand.
+    """
+
+    def __init__(self, page: Page):
+        self.page = page
+        self._held: tuple[int, int] | None = None
+        """window and object of a pull."""
+        self._dragged: tuple[int, int] | None = None
+        """object and number of a point."""
+        self._models: dict[int, Any] = {}
+
+    def listen(self, drawing: Drawing) -> None:
+        """Listens to a new photograph."""
+        self._held, self._dragged, self._models = None, None, {}
+
+        @drawing.picture.on_click
+        async def _(event: Any) -> None:
+            self._click(event, False)
+
+        @drawing.picture.on_click(modifier="shift")
+        async def _(event: Any) -> None:
+            self._click(event, True)
+
+        @drawing.picture.on_drag("left")
+        async def _(event: Any) -> None:
+            start, end = (_on_photograph(event.client, p) for p in (event.start_position, event.end_position))
+            if self.page.tool == "Draw":
+                self._drag_point(event, start, end)
+            else:
+                self._pull(event, start, end, None)
+
+    def listen_to_models(self, drawing: Drawing) -> None:
+        """Listens to models in space that are new."""
+        for uid, model in drawing.in_space().items():
+            if self._models.get(uid) is model:
+                continue
+            self._models[uid] = model
+
+            @model.on_drag("left")
+            async def _(event: Any, uid: int = uid) -> None:
+                self._pull(event, np.array(event.start_position), np.array(event.end_position), uid)
+
+    def _click(self, event: Any, shift: bool) -> None:
+        origin, ray = np.array(event.ray_origin), np.array(event.ray_direction)
+        place = (origin - ray * origin[2] / ray[2])[:2]
+        near, page = _near(event.client), self.page
+        tool = page.tool
+
+        def do(session: Session) -> None:
+            uid = page.chosen if page.chosen is not None else session.add()
+            page.chosen = uid
+            if tool == "Draw":
+                points = session.item(uid).points
+                hit = _nearest(points, place, near)
+                if shift and hit is not None:
+                    session.remove_point(uid, hit)
+                elif not shift and hit is None:
+                    session.add_point(uid, place, _between(points, place, near))
+            elif tool in ("Crease", "Gap"):
+                session.break_at(uid, place, "tangent" if tool == "Crease" else "position")
+            else:
+                session.mark(uid, place)
+
+        if tool in ("Draw", "Crease", "Gap", "Not here"):
+            page.act(do)
+
+    def _drag_point(self, event: Any, start: np.ndarray, end: np.ndarray) -> None:
+        session, uid = self.page.session, self.page.chosen
+        if session is None or uid is None:
+            return
+        if event.phase == "start":
+            hit = _nearest(session.item(uid).points, start, 1.5 * _near(event.client))
+            self._dragged = None if hit is None else (uid, hit)
+        if self._dragged is not None:
+            held = self._dragged
+            self.page.act(lambda s: s.move_point(*held, end))
+        if event.phase == "end":
+            self._dragged = None
+            session.end_of_drag()
+
+    def _pull(self, event: Any, start: np.ndarray, end: np.ndarray, uid: int | None) -> None:
+        """A drag: on the photograph, points (column, row); on a model in space, points in the viewer's space."""
+        page = self.page
+        if page.session is None or page.drawing is None or page.tool not in ("Pull", "Pin", "Push"):
+            return
+        anchor = end if uid is None else page.drawing.frame.world(end)
+        if event.phase == "start" and self._held is None:
+            found = self._grabbed(start, uid)
+            if found is None:
+                return
+            self._held = (event.client_id, found[0])
+            page.engine.grab(*found, anchor, push=page.tool == "Push")
+        if self._held is None or self._held[0] != event.client_id:
+            return
+        held = self._held[1]
+        page.engine.drag(held, anchor)
+        if event.phase == "end":
+            self._held = None
+            page.engine.let_go(held, page.tool == "Pin").add_done_callback(lambda made: page.record(held, made.result()))
+
+    def _grabbed(self, place: np.ndarray, uid: int | None) -> tuple[int, tuple[float, float]] | None:
+        """Which object is taken hold of, and where on it."""
+        page = self.page
+        assert page.session is not None and page.drawing is not None
+        snapshots, view = page.engine.snapshots, page.session.view
+        if uid is not None:
+            s = snapshots.get(uid)
+            at = page.drawing.frame.world(place)
+            return None if s is None else (uid, material_point(s, np.linalg.norm(s.tube - at, axis=2)))
+        gaps = {uid: away_from(s, view, place) for uid, s in snapshots.items()}
+        if not gaps:
+            return None
+        nearest = min(gaps, key=lambda uid: gaps[uid].min())
+        return nearest, material_point(snapshots[nearest], gaps[nearest])
+
+
+def _on_photograph(client: viser.ClientHandle, point: Sequence[float]) -> np.ndarray:
+    """Where the line from the eye through a point meets the photograph (column, row)."""
+    eye = client.camera.position
+    way = np.asarray(point) - eye
+    return (eye + way * (-eye[2] / way[2] if abs(way[2]) > 1e-9 else 1.0))[:2]
+
+
+def _near(client: viser.ClientHandle) -> float:
+    """`NEAR` in pixels of the photograph."""
+    camera = client.camera
+    return NEAR * 2 * abs(camera.position[2]) * np.tan(camera.fov / 2) / max(camera.image_height, 1)
+
+
+def _nearest(points: Sequence[Sequence[float]], place: np.ndarray, reach: float) -> int | None:
+    """The point next to a place, within reach."""
+    if not points or len(points[0]) != 2:
+        return None
+    gaps = np.linalg.norm(np.array(points) - place, axis=1)
+    return int(gaps.argmin()) if gaps.min() <= reach else None
+
+
+def _between(points: Sequence[Sequence[float]], place: np.ndarray, reach: float) -> int | None:
+    """Before which point a place on the line through the points comes; None: it is not on it."""
+    for k in range(1, len(points)):
+        a, b = np.array(points[k - 1]), np.array(points[k])
+        if a.shape != (2,):
+            return None
+        share = np.clip((place - a) @ (b - a) / max((b - a) @ (b - a), 1e-12), 0, 1)
+        if np.linalg.norm(a + share * (b - a) - place) <= reach:
+            return k
+    return None

@@ -1,0 +1,118 @@
+"""A studio with a page in a real browser, for tests and timings: headless Chromium, WebGL in software."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from symseek.studio.serve import Studio
+
+FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
+WINDOW = {"width": 1000, "height": 640}
+
+
+def chromium() -> str | None:
+    """Path of the browser, None without one or without playwright."""
+    try:
+        import playwright  # noqa: F401
+    except ImportError:
+        return None
+    return next((path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None)
+
+
+class Hand:
+    """A person at the page.
+
+    Args:
+        studio: that serves it.
+        page: of playwright.
+    """
+
+    def __init__(self, studio: Studio, page: Any):
+        self.studio, self.page = studio, page
+
+    def at(self, place: Sequence[float] | np.ndarray) -> tuple[float, float]:
+        """Where in the window an image point (column, row) lies, through the camera."""
+        camera = next(iter(self.studio.server.get_clients().values())).camera
+        box = self.page.locator("canvas").first.bounding_box()
+        zoom = camera.image_height / (2 * abs(camera.position[2]) * np.tan(camera.fov / 2))
+        x, y = (np.asarray(place) - camera.position[:2]) * zoom
+        return box["x"] + box["width"] / 2 + x, box["y"] + box["height"] / 2 + y
+
+    def click(self, place: Sequence[float] | np.ndarray) -> None:
+        """Clicks on an image point."""
+        self.page.mouse.click(*self.at(place))
+        time.sleep(0.25)  # two clicks at once are a double click
+
+    def press(self, button: str) -> None:
+        """Clicks a button by its words."""
+        self.page.get_by_role("button", name=button, exact=True).click()
+
+    def drag(self, a: Sequence[float] | np.ndarray, b: Sequence[float] | np.ndarray, steps: int = 20) -> None:
+        """Takes the mouse from one image point to another and holds it there."""
+        a, b = np.array(self.at(a)), np.array(self.at(b))
+        self.page.mouse.move(*a)
+        self.page.mouse.down()
+        for k in range(1, steps + 1):
+            self.page.mouse.move(*(a + (b - a) * k / steps))
+            time.sleep(0.02)
+
+    def let_go(self) -> None:
+        """Lets the mouse go."""
+        self.page.mouse.up()
+
+    def wait(self, until: Callable[[], Any], seconds: float = 30.0) -> None:
+        """Waits for something to be so.
+
+        Raises:
+            TimeoutError: it is not in time.
+        """
+        end = time.monotonic() + seconds
+        while not until():
+            if time.monotonic() > end:
+                raise TimeoutError(f"after {seconds} s: {self.studio.page.told}")
+            self.page.wait_for_timeout(30)
+
+    def at_rest(self) -> None:
+        """Waits until all that was asked for is done and nothing moves."""
+        engine = self.studio.engine
+        engine.call(lambda: None).result(30)
+        self.wait(lambda: engine.snapshots and not engine.going())
+        engine.call(lambda: None).result(30)
+
+
+@contextmanager
+def opened(paths: Sequence[str], root: Path, script: str = "", **window: Any) -> Iterator[Hand]:
+    """A studio and its page, ready to be used.
+
+    Args:
+        paths: what to open.
+        root: folder of the studio.
+        script: to run in the page before its own.
+        window: options of playwright's new_context.
+    """
+    from playwright.sync_api import sync_playwright
+
+    studio = Studio(paths, root, port=0)
+    try:
+        with sync_playwright() as p:
+            browser = p.chromium.launch(executable_path=chromium(), args=FLAGS)
+            page = browser.new_context(**{"viewport": WINDOW, **window}).new_page()
+            page.add_init_script(script)
+            page.goto(studio.address)
+            hand = Hand(studio, page)
+            hand.wait(lambda: studio.server.get_clients())
+            page.wait_for_selector("canvas")
+            # viser's own warning of software rendering lies over the picture
+            page.locator(".mantine-Notification-closeButton").first.click()
+            page.wait_for_timeout(500)
+            yield hand
+            browser.close()
+    finally:
+        studio.close()

@@ -1,0 +1,147 @@
+"""The studio in a real browser: a squash is drawn, run, pulled, undone and saved by mouse."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import symseek
+from symseek import cli
+from symseek.sim.curve import evenly
+from symseek.sim.surface import occluding_contour
+from tests.browser import Hand, chromium, opened
+
+pytestmark = pytest.mark.skipif(chromium() is None, reason="no Chromium: on Debian `make test` installs it")
+SQUASH = cli.demos()["squash"]
+PICTURES = os.environ.get("SYMSEEK_PICTURES")
+"""A folder for screenshots of each step."""
+
+
+def shot(hand: Hand, name: str) -> None:
+    if PICTURES:
+        hand.page.wait_for_timeout(500)
+        hand.page.screenshot(path=Path(PICTURES, f"{name}.png"))
+
+
+def contour(hand: Hand, fine: int = 6000) -> np.ndarray:
+    """Points of the model's contour, close together."""
+    session = hand.studio.page.session
+    assert session is not None
+    (s,) = hand.studio.engine.snapshots.values()
+    return np.concatenate([evenly(p, fine, False) for p, _ in occluding_contour(s.tube, session.view.camera)])
+
+
+def gap(a: np.ndarray, b: np.ndarray) -> float:
+    """Longest way [px] from a point of a to the next of b."""
+    return float(max(np.linalg.norm(p - b, axis=1).min() for p in a[::20]))
+
+
+def test_a_squash_is_drawn_run_pulled_undone_and_saved(tmp_path):
+    shutil.copy(SQUASH.parent / "squash.jpg", tmp_path)
+    given = symseek.load(SQUASH)
+    known = symseek.reconstruct(given).objects[0]
+    with opened(["squash.jpg"], tmp_path) as hand:
+        page, engine = hand.studio.page, hand.studio.engine
+        assert page.session is not None
+        shot(hand, "1-opened")
+        for point in given.tubes[0].spine:
+            hand.click(point)
+        hand.wait(lambda: engine.snapshots)
+        (item,) = page.session.state.items
+        np.testing.assert_allclose(item.points, given.tubes[0].spine, atol=0.5)
+        shot(hand, "2-drawn")
+
+        hand.press("Run")
+        hand.at_rest()
+        (rested,) = engine.snapshots.values()
+        shot(hand, "3-at rest")
+        assert rested.converged
+        before = contour(hand)
+        truth = np.concatenate([evenly(p, 6000, False) for p in known.contour])
+        assert gap(before, truth) < 0.5 and gap(truth, before) < 0.5
+
+        hand.press("Pull")
+        hand.wait(lambda: page.tool == "Pull")
+        edge = before[np.linalg.norm(before - [330, 230], axis=1).argmin()]
+        there = edge + 40 * np.array([0.37, -0.93])
+        hand.drag(edge, there)
+        hand.wait(lambda: np.linalg.norm(contour(hand, 500) - there, axis=1).min() < 2.0)
+        shot(hand, "4-pulled")
+        hand.let_go()
+        hand.wait(lambda: page.session and page.session.can_undo == "a pull")
+        hand.at_rest()
+        shot(hand, "5-let go")
+        after = contour(hand)
+        assert gap(after, before) < 0.5 and gap(before, after) < 0.5
+        pulled = next(iter(engine.snapshots.values()))
+        assert pulled.converged and pulled.iteration > rested.iteration
+
+        hand.press("Save")
+        hand.wait(lambda: page.told[0] == "Saved")
+        (found,) = symseek.reconstruct(symseek.load(tmp_path / "squash-studio.toml")).objects
+        assert found.iterations == pulled.iteration and np.array_equal(found.tube[0], pulled.tube), (
+            "played again, bit by bit"
+        )
+
+        hand.press("Undo")
+        hand.wait(lambda: page.session and page.session.can_redo == "a pull")
+        hand.at_rest()
+        shot(hand, "6-undone")
+        (undone,) = engine.snapshots.values()
+        assert np.array_equal(undone.tube, rested.tube)
+
+        hand.press("Save")
+        hand.wait(lambda: "spring" not in (tmp_path / "squash-studio.toml").read_text())
+        out = tmp_path / "out"
+        command = ["run", str(tmp_path / "squash-studio.toml"), "--out", str(out), "--quiet", "--no-video"]
+        assert cli.main(command) == 0
+        saved = np.load(out / "object 1.npz")["tube"]
+        assert np.array_equal(saved[0], undone.tube)
+
+        hand.press("In space")
+        hand.wait(lambda: page.in_space)
+        shot(hand, "7-in space")
+        hand.press("Web page")
+        hand.wait(lambda: page.told[0] == "Written")
+        hand.page.set_viewport_size({"width": 480, "height": 360})
+        hand.page.goto((tmp_path / "squash-studio.html").as_uri())
+        hand.page.wait_for_selector("canvas")
+        hand.page.wait_for_timeout(1000)
+        shot(hand, "8-web page")
+        seen = hand.page.locator("canvas").first.screenshot()
+        assert len(seen) > 20_000, "a picture, not an empty page"
+        assert page.told[1].count("fault") == 0
+
+
+def test_two_windows_and_a_closed_one(tmp_path):
+    """Both see the same session; what one drew stays when it is closed in the middle of a drag."""
+    shutil.copy(SQUASH.parent / "squash.jpg", tmp_path)
+    with opened(["squash.jpg"], tmp_path) as hand:
+        page = hand.studio.page
+        for point in symseek.load(SQUASH).tubes[0].spine:
+            hand.click(point)
+        hand.press("Run")
+        hand.at_rest()
+        hand.press("Pull")
+        hand.wait(lambda: page.tool == "Pull")
+        edge = contour(hand)[3000]
+        hand.drag(edge, edge - np.array([0, 20]))
+        second = hand.page.context.new_page()
+        second.goto(hand.studio.address)
+        hand.wait(lambda: len(hand.studio.server.get_clients()) == 2)
+        hand.page.close()
+        hand.page = second
+        hand.wait(lambda: len(hand.studio.server.get_clients()) == 1)
+        hand.wait(lambda: page.session and page.session.can_undo == "a pull")
+        second.wait_for_selector("canvas")
+        assert second.get_by_text("Pull", exact=True).count() >= 1
+        second.get_by_role("button", name="Undo", exact=True).click()
+        hand.wait(lambda: page.session and page.session.can_redo == "a pull")
+        time.sleep(0.1)
+        hand.at_rest()
+        assert page.told[1].count("fault") == 0

@@ -1,0 +1,75 @@
+"""What the studio draws lies where it belongs: in the photograph by the scene's camera, in space by a similarity."""
+
+import numpy as np
+import pytest
+
+from symseek.sim.camera import Camera
+from symseek.sim.curve import evenly
+from symseek.sim.problem import View
+from symseek.sim.surface import occluding_contour
+from symseek.studio.drawing import FINE, Frame, _lines, away_from, material_point
+from symseek.studio.part import Snapshot
+
+T = np.linspace(0, 1, 25)
+SPINE = np.stack([30 + 60 * T, 40 + 12 * np.sin(3 * T), 5 * T], axis=1)
+RADIUS = 12 * np.sqrt(np.clip(1 - (2 * T - 1) ** 4, 0, None))
+ANGLE = 2 * np.pi * np.arange(25) / 25
+TUBE = SPINE + RADIUS[:, None] * np.stack(
+    [0 * ANGLE, np.cos(ANGLE), np.sin(ANGLE)], axis=1
+)[:, None]  # fmt: skip
+K = np.array([[400.0, 0, 60], [0, 400, 45], [0, 0, 1]])
+CAMERAS = {
+    "orthographic": Camera.orthographic(0.5),
+    "stereo": Camera.stereo(0.3),
+    "perspective": Camera.perspective(K, np.eye(3), np.array([-60.0, -45, 400])),
+}
+
+
+def snapshot(cuts=()) -> Snapshot:
+    return Snapshot(TUBE, SPINE, list(cuts), 0, 0, 1, 1.0, 1.0, False, False, False, [])
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+@pytest.mark.parametrize("many", [False, True])
+def test_the_contour_that_is_drawn_is_the_occluding_one(name, many):
+    """Against the measured contour of the smooth surface; through 25 nodes less closely, at blunt ends least."""
+    view = View(np.zeros((90, 120)), CAMERAS[name])
+    wire, contour = _lines(snapshot(), view, *((5, 5, 1) if many else FINE))
+    truth = np.concatenate([evenly(p, 200, False) for p, _ in occluding_contour(TUBE, view.camera)])
+    drawn = np.concatenate([(1 - t) * contour[:, 0] + t * contour[:, 1] for t in np.linspace(0, 1, 5)])
+    radius = 12 * max(np.linalg.norm(view.camera.matrix[0, :3]), 1.0) if view.camera.affine else 12
+    assert max(np.linalg.norm(p - drawn, axis=1).min() for p in truth) < (0.3 if many else 0.05) * radius, "all of it"
+    assert max(np.linalg.norm(p - truth, axis=1).min() for p in drawn) < (0.15 if many else 0.05) * radius
+    assert len(wire) > 60
+
+
+def test_a_gap_is_not_drawn_across():
+    view = View(np.zeros((90, 120)))
+    wire, contour = _lines(snapshot([(11, True)]), view, *FINE)
+    middle = SPINE[11:13].mean(axis=0)[0]
+    for lines in (wire, contour):
+        crossing = (lines[..., 0].min(axis=1) < middle) & (lines[..., 0].max(axis=1) > middle)
+        assert len(lines) and not crossing.any()
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+def test_models_in_space_keep_their_shape_and_lie_over_the_photograph(name):
+    """A similarity that to first order is the camera's own view; and back."""
+    view = View(np.zeros((90, 120)), CAMERAS[name])
+    depth = 400.0 if name == "perspective" else 0.0
+    frame = Frame(view, depth)
+    shown = frame.shown(TUBE)
+    np.testing.assert_allclose(frame.world(shown), TUBE, atol=1e-9)
+    a, b = (np.linalg.norm(np.diff(v.reshape(-1, 3), axis=0), axis=1) for v in (TUBE, shown))
+    np.testing.assert_allclose(b, frame.scale * a, rtol=1e-9)
+    near = frame.origin + 0.01 * np.random.default_rng(0).normal(size=(20, 3))
+    gap = frame.shown(near)[:, :2] - view.camera.project(near)
+    slant = 0.3 * np.abs((near - frame.origin)[:, 2]).max() if name == "stereo" else 0.0  # the paper's (15) is oblique
+    assert np.abs(gap).max() < slant * frame.scale + 1e-3
+
+
+def test_a_place_is_found_on_the_near_side():
+    view = View(np.zeros((90, 120)))
+    front = TUBE[:, 12, 2].argmin()
+    x, s = material_point(snapshot(), away_from(snapshot(), view, TUBE[front, 12, :2]))
+    assert (round(x * 25), round(s * 24)) == (front, 12)

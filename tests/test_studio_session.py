@@ -1,0 +1,282 @@
+"""The studio's session and files: random actions can all be undone and kept; nothing outside the folder is touched."""
+
+import json
+import os
+import tomllib
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from PIL import Image
+
+import symseek
+from symseek import cli
+from symseek.studio.keep import AUTOSAVE, Folder, toml
+from symseek.studio.session import PALETTE, Item, Session, State, structure
+
+RNG = np.random.default_rng(5)
+PIXELS = RNG.uniform(0.2, 0.8, (48, 64))
+BEGIN = State({"name": "made", "view": [{"image": PIXELS}]})
+AXIS = [[10, 20], [30, 24], [50, 22]]
+
+
+@pytest.fixture
+def folder(tmp_path):
+    Image.fromarray((255 * PIXELS).astype(np.uint8)).save(tmp_path / "photo.png")
+    return Folder(tmp_path)
+
+
+def drawn(folder: Folder, *points) -> tuple[Session, int]:
+    session, _ = folder.open("photo.png")
+    uid = session.add()
+    for point in points:
+        session.add_point(uid, point)
+    return session, uid
+
+
+number = st.floats(-20, 90, width=32) | st.floats(width=32)
+point = st.tuples(st.floats(0, 63, width=32), st.floats(0, 47, width=32)) | st.tuples(number, number)
+uid = st.integers(0, 4)
+spring = st.fixed_dictionaries(
+    {"anchor": point, "start": st.integers(-1, 300)},
+    optional={"stop": st.integers(0, 400), "point": st.tuples(number, number), "reach": number, "stiffness": number},
+)
+weight = st.fixed_dictionaries({}, optional={"w2": number, "b": number | st.none(), "L1": number, "closed": st.booleans()})
+action = st.one_of(
+    st.tuples(st.just("add")),
+    *(st.tuples(st.just(name), uid) for name in ("remove", "clear")),
+    st.tuples(st.just("rename"), uid, st.sampled_from(["pear", "pear", "object 1", "a/b", ""])),
+    st.tuples(st.just("recolour"), uid, st.sampled_from(PALETTE)),
+    st.tuples(st.just("move"), uid, st.integers(-3, 3)),
+    st.tuples(st.just("add_point"), uid, point),
+    st.tuples(st.just("add_point"), uid, point, st.integers(0, 3)),
+    st.tuples(st.just("move_point"), uid, st.integers(-1, 4), point),
+    st.tuples(st.just("remove_point"), uid, st.integers(-1, 4)),
+    st.tuples(st.just("set_radius"), uid, number | st.none()),
+    st.tuples(st.just("set_weight"), uid, weight),
+    st.tuples(st.just("break_at"), uid, point, st.sampled_from(["tangent", "position"])),
+    st.tuples(st.just("mark"), uid, point),
+    st.tuples(st.just("record"), uid, st.lists(spring, max_size=2)),
+    *(st.tuples(st.just(name)) for name in ("forget_pulls", "undo", "redo", "end_of_drag")),
+)
+two_drawn = [("add",), ("add",), *(("add_point", u, (x, y + 12 * u)) for u in (1, 2) for x, y in AXIS[::2])]
+session_actions = st.tuples(st.booleans(), st.lists(action, min_size=5, max_size=40)).map(lambda t: two_drawn * t[0] + t[1])
+
+
+@settings(max_examples=200, derandomize=True, database=None, deadline=None)
+@given(session_actions)
+def test_whatever_is_done_can_be_undone_and_kept(tmp_path_factory, actions):
+    """200 random sequences: only the input's faults are refused, and they change nothing; every state comes back."""
+    session = Session(BEGIN, tmp_path_factory.getbasetemp(), "made")
+    seen, done = [session.state], 0
+    for name, *arguments in actions:
+        before = session.state
+        try:
+            getattr(session, name)(*arguments)
+            done += 1
+        except symseek.SceneError:
+            assert session.state is before
+        seen.append(session.state)
+        items = session.state.items
+        assert len({i.uid for i in items}) == len(items)
+        for item in items:
+            assert item.table == json.loads(json.dumps(item.table)), "as its file would hold it"
+            tube = session.tube(item)
+            assert (tube is not None) == (len(item.points) >= 2)
+        complete = [i for i in items if session.tube(i) is not None]
+        if complete and len(complete) == len(items):
+            tables = {k: v for k, v in session.tables().items() if k != "view"}
+            assert tomllib.loads(toml(tables)) == json.loads(json.dumps(tables))
+    last, count = session.state, 0
+    while session.undo():
+        assert session.state in seen
+        count += 1
+    assert session.state == BEGIN and count <= done
+    while session.redo():
+        assert session.state in seen
+    text = State({**session.state.top, "view": []}, session.state.items).text()
+    assert State.of(text).items == session.state.items
+    if not any(name in ("undo", "redo") for name, *_ in actions):
+        assert session.state == last
+
+
+value = st.recursive(
+    st.text(st.characters(codec="utf-8"), max_size=8)
+    | st.booleans()
+    | st.integers(-(2**60), 2**60)
+    | st.floats(allow_nan=False),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
+    max_leaves=8,
+)
+
+
+@settings(max_examples=200, derandomize=True, database=None, deadline=None)
+@given(st.dictionaries(st.text(max_size=5), value, max_size=4))
+def test_what_is_written_as_toml_is_read_as_it_was(data):
+    assert tomllib.loads(toml(data)) == data
+
+
+def test_a_drag_is_one_step(folder):
+    session, uid = drawn(folder, *AXIS)
+    for x in range(51, 60):
+        session.move_point(uid, 2, (x, 22))
+    session.end_of_drag()
+    session.move_point(uid, 2, (40, 30))
+    assert session.item(uid).points[2] == [40, 30] and session.can_undo == "moving a point"
+    session.undo()
+    assert session.item(uid).points[2] == [59, 22]
+    session.undo()
+    assert session.item(uid).points == AXIS and session.can_undo == "a point" and session.can_redo == "moving a point"
+
+
+def test_what_cannot_be_is_refused_with_its_reason(folder):
+    session, uid = drawn(folder, *AXIS)
+    state = session.state
+    for wrong, text in (
+        (lambda: session.add_point(uid, (200, 20)), "lies outside the image of 64 x 48"),
+        (lambda: session.add_point(uid, (30, 24.01)), "crosses itself|are both"),
+        (lambda: session.set_radius(uid, -3.0), "out of bounds"),
+        (lambda: session.set_weight(uid, {"w2": -1.0}), "w2: .*does not fit"),
+        (lambda: session.rename(uid, "a/b"), "cannot be a file name"),
+        (lambda: session.remove(9), "no longer there"),
+        (lambda: session.record(uid, [{"anchor": [1, 1], "point": [0, 2.0]}]), "does not fit"),
+    ):
+        with pytest.raises(symseek.SceneError, match=text):
+            wrong()
+        assert session.state is state
+
+
+def test_the_order_of_depth(folder):
+    """Objects that lay level come to lie one behind the other, and move past each other."""
+    session, first = drawn(folder, *AXIS)
+    others = [session.add() for _ in range(2)]
+    for k, other in enumerate(others):
+        for x, y in AXIS:
+            session.add_point(other, (x, y + 10 * k - 5))
+
+    def order():
+        return [i.uid for i in sorted(session.state.items, key=lambda i: i.table.get("depth", 0.0))]
+
+    session.move(first, 1)
+    assert order() == [others[0], first, others[1]]
+    depths = sorted(i.table.get("depth", 0.0) for i in session.state.items)
+    assert np.diff(depths).min() > 5
+    session.move(first, 5)
+    assert order() == [*others, first]
+    session.undo()
+    session.undo()
+    assert all("depth" not in i.table for i in session.state.items)
+
+
+def test_what_a_run_can_go_on_from(folder):
+    session, uid = drawn(folder, *AXIS)
+    before = structure(session.item(uid))
+    session.set_weight(uid, {"w2": 1e-5})
+    session.rename(uid, "pear")
+    session.record(uid, [{"anchor": [30, 10], "point": [0.25, 0.5], "start": 7, "stop": 9}])
+    assert structure(session.item(uid)) == before
+    session.set_weight(uid, {"closed": False})
+    assert structure(session.item(uid)) != before
+    assert "spring" not in session.item(uid).table, "it was pulled on the way of another object"
+
+
+def test_after_the_last_spring_there_is_time_to_rest(folder):
+    session, uid = drawn(folder, *AXIS)
+    session.record(uid, [{"anchor": [30, 10], "point": [0.25, 0.5], "start": 9000, "stop": 9900}])
+    assert session.settings().iterations == 9900 + 4000 == session.tables()["solver"]["iterations"]
+    session.undo()
+    assert session.settings().iterations == 4000 and "solver" not in session.tables()
+
+
+@pytest.mark.parametrize(("name", "what"), [("squash_ring", "has 8 views"), ("finger", "moves")])
+def test_more_than_one_still_image_is_refused(name, what):
+    with pytest.raises(symseek.SceneError, match=f"the scene {what}; the studio shows one still image"):
+        Folder(cli.demos()[name].parent).open("scene.toml")
+
+
+@pytest.mark.parametrize("name", sorted({*cli.demos()} - {"squash_ring", "finger"}))
+def test_a_scene_file_is_kept_as_it_is(name):
+    """Opened and saved without a change, it means the same."""
+    scene = cli.demos()[name]
+    folder = Folder(scene.parent)
+    session, restored = folder.open("scene.toml")
+    assert not restored
+    saved = tomllib.loads(toml(session.tables()))
+    given_ = tomllib.loads(scene.read_text())
+    given_["object"] = [{"name": given_["name"], **o} for o in given_["object"]]
+    assert saved == {"name": name, **given_}
+
+
+def test_what_is_drawn_in_a_perspective_view_lies_beside_the_first_object(folder, tmp_path):
+    (tmp_path / "near.toml").write_text(
+        '[[view]]\nimage = "photo.png"\nprojection = "perspective"\nK = [[90, 0, 32], [0, 90, 24], [0, 0, 1]]\n'
+        "R = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]\nt = [0, 0, 5]\n[[object]]\nspine = [[-1, 0, 0], [0, 0, 1], [1, 0, 2]]\n"
+    )
+    session, _ = folder.open("near.toml")
+    assert session.depth == 6
+    uid = session.add()
+    session.add_point(uid, (10, 10))
+    session.add_point(uid, (40, 20))
+    tube = session.tube(session.item(uid))
+    assert tube is not None and tube.depth == 6
+
+
+def test_save_and_autosave(folder, tmp_path):
+    session, uid = drawn(folder, *AXIS)
+    full = folder.save(session, "made")
+    scene = symseek.load(full)
+    assert scene.tubes[0].spine.tolist() == AXIS and scene.views[0].image.shape == (48, 64)
+    folder.save(session, "made")  # its own may be written again
+    with pytest.raises(symseek.SceneError, match="is there already; choose another name"):
+        Folder(tmp_path).save(session, "made")
+    with pytest.raises(symseek.SceneError, match="cannot be a file name"):
+        folder.save(session, "../made")
+    folder.autosave("photo.png", session)
+    again, restored = folder.open("photo.png")
+    assert restored and again.state == session.state
+    (tmp_path / AUTOSAVE / "photo.png.json").write_text("{}")
+    assert folder.open("photo.png")[1] is False
+    session.remove(uid)
+    with pytest.raises(symseek.SceneError, match="there is none yet"):
+        folder.save(session, "empty")
+
+
+def test_nothing_outside_the_folder_is_read_or_written(folder, tmp_path):
+    outside = tmp_path.parent / "outside.png"
+    Image.fromarray((255 * PIXELS).astype(np.uint8)).save(outside)
+    os.symlink(outside, tmp_path / "link.png")
+    (tmp_path / "evil.toml").write_text('[[view]]\nimage = "../outside.png"\n[[object]]\nspine = [[1, 1], [40, 40]]\n')
+    (tmp_path / "home.toml").write_text('[[view]]\nimage = "$HOME/x.png"\n[[object]]\nspine = [[1, 1], [40, 40]]\n')
+    for path in ("../outside.png", str(outside), "link.png", "evil.toml", "home.toml", "/etc/passwd"):
+        with pytest.raises(symseek.SceneError, match="lies outside"):
+            folder.open(path)
+    session, _ = drawn(folder, *AXIS)
+    with pytest.raises(symseek.SceneError, match="lies outside"):
+        folder.write(session, "../x.html", "")
+    assert not (tmp_path.parent / "x.html").exists()
+    assert set(folder.listing()) == {"photo.png", "link.png", "evil.toml", "home.toml"}
+
+
+def test_files_at_fault_are_refused(folder, tmp_path):
+    (tmp_path / "broken.png").write_bytes(b"not a picture")
+    (tmp_path / "broken.toml").write_text("[[view]\n")
+    (tmp_path / "large.toml").write_bytes(b"#" * 100_000_000)
+    (tmp_path / "large.png").write_bytes(b"\0" * 100_000_000)
+    for name, text in (
+        ("broken.png", "not an image"),
+        ("broken.toml", "not valid TOML"),
+        ("large.toml", "100 MB"),
+        ("large.png", "not an image"),
+        ("none.png", "does not exist"),
+    ):
+        with pytest.raises(symseek.SceneError, match=text):
+            folder.open(name)
+
+
+def test_an_autosave_of_something_else_is_refused():
+    for text in ("[]", '{"top": {}, "items": [1]}', "x"):
+        with pytest.raises(ValueError):
+            State.of(text)
+    state = State({"name": "x"}, (Item(1, {"name": "a"}, "#ffffff"),))
+    assert State.of(state.text()) == state
