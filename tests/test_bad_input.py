@@ -103,7 +103,7 @@ CASES = {
     "unknown skimage": ({IMAGE: '"skimage:rockt"'}, ["view[0].image", "rockt", "did you mean rocket"]),
     "image no text": ({IMAGE: "3"}, ["view[0].image", "3 is not a path"]),
     "no image key": ({IMAGE: None}, ["view[0].image", "is missing"]),
-    "frames": ({"view__frames": '"left_*.png"'}, ["view[0].frames", "moving scenes"]),
+    "frames": ({"view__frames": '"left_*.png"'}, ["view[0].image", "stands beside frames", "not both"]),
     # masks and marks
     "mask of another size": ({"view__ignore": '"half.png"'}, ["view[0].ignore", "80 x 32", "80 x 64"]),
     "mask covers all": ({"view__ignore": '"white.png"'}, ["view[0].ignore", "whole image"]),
