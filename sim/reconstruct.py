@@ -22,6 +22,8 @@ from .visibility import Pass, Visibility
 
 __all__ = ["ObjectResult", "Progress", "Result", "reconstruct"]
 
+SCALES = 8
+"""Of so many scales the potentials of a single tube are made ahead; of many tubes memory bears one."""
 REFRESH = 20
 """Iterations between two looks at what hides the tubes."""
 WAKES = 5
@@ -148,8 +150,9 @@ def reconstruct(
     shares = [[k] for k in range(len(tubes))] if device == "cpu" else [list(range(len(tubes)))]
     threads = min(threads or os.cpu_count() or 1, len(shares))
     with ThreadPoolExecutor(os.cpu_count()) as ahead, ThreadPoolExecutor(threads) as pool:
+        scales = SCALES if len(shares) == 1 else 1
         parts = [
-            Relaxation(Assembly(views, [tubes[k] for k in share], settings, device, [maps[k] for k in share]), ahead)
+            Relaxation(Assembly(views, [tubes[k] for k in share], settings, device, [maps[k] for k in share]), ahead, scales)
             for share in shares
         ]
         lap("kernels")

@@ -55,13 +55,14 @@ class Relaxation:
 
     Args:
         scene: the assembly, at its start.
-        pool: makes the next scale's potentials while one is solved.
+        pool: makes potentials while others are solved.
+        ahead: of how many scales; each takes memory.
 
     Raises:
         ValueError: the scheme cannot bear the step, mass, or the material.
     """
 
-    def __init__(self, scene: Assembly, pool: Executor):
+    def __init__(self, scene: Assembly, pool: Executor, ahead: int = 1):
         self.scene, self._pool = scene, pool
         lists = [[space.sigmas for space in row] for row in scene.spaces]
         self.stages = max(len(x) for row in lists for x in row)
@@ -74,7 +75,7 @@ class Relaxation:
         self.pictures: list[PotentialPicture] = []
         self.potentials: list[list[Potential]] = []
         self.waited = 0.0
-        self._ahead = self._made(0)
+        self._ahead = [self._made(stage) for stage in range(min(ahead, self.stages))]
         with HOST:
             scene.set_material(1.0)
             self.loop = Loop(scene, careful=False)
@@ -114,9 +115,8 @@ class Relaxation:
     def stop(self) -> None:
         """Ends the run where it is."""
         self.done = True
-        for made in self._ahead:
-            for one in made:
-                one.cancel()
+        for one in (one for stage in self._ahead for made in stage for one in made):
+            one.cancel()
 
     def pull(self, k: int, spring: Spring) -> int:
         """Ties a spring to tube k or sets a volcano, from this iteration on, or from `spring.start`; a run at rest goes on.
@@ -167,9 +167,11 @@ class Relaxation:
         """Sets the scale in force."""
         scene, s = self.scene, self.scene.settings
         clock = time.perf_counter()
-        self.potentials = [[one.result() for one in made] for made in self._ahead]
+        self.potentials = [[one.result() for one in made] for made in self._ahead.pop(0)]
         self.waited += time.perf_counter() - clock
-        self._ahead = [] if self.last else self._made(self.stage + 1)
+        beyond = self.stage + 1 + len(self._ahead)
+        if beyond < self.stages:
+            self._ahead.append(self._made(beyond))
         self.pictures.append(self.potentials[0][0].picture)
         self.sigma = self._sigmas[self.stage][0][0]
         with HOST:
