@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +13,7 @@ from PIL import Image
 
 from ..sim.camera import Camera
 from . import raster, shapes
-from .synthetic import MARGIN, Sample, render, turn_z, volume
-from .synthetic import _clicks as rough_clicks
-from .synthetic import _mean_radius as mean_radius
+from .synthetic import MARGIN, Sample, light_from, mean_radius, render, rough_clicks, turn_z, volume
 
 FRONT = ("egg", "pear", "peanut", "squash", "bent")
 HIDDEN = 0.05, 0.35
@@ -66,8 +64,7 @@ def make(
     kinds = kinds or drawn
     solids = [shapes.sweep(kind, rng) for kind in kinds]
     laid = _placed(solids, share, rng)
-    off, around = np.radians(rng.uniform(10, 45)), rng.uniform(0, 2 * np.pi)
-    light = np.array([np.sin(off) * np.cos(around), np.sin(off) * np.sin(around), -np.cos(off)])
+    light = light_from(rng)
     paints, ground = _paints(rng)
     ambient = rng.uniform(0.35, 0.7)
     image = np.broadcast_to(ground, (size, size, 3)).copy()
@@ -96,13 +93,9 @@ def make(
             )
         )
     image = np.clip(image + noise * rng.standard_normal(image.shape), 0, 1).astype(np.float32)
-    back, front = (_with(sample, image) for sample in samples)
+    back, front = (replace(sample, image=image) for sample in samples)
     both = np.minimum(front.coverage, back.coverage).sum() / back.coverage.sum()
     return StillLife(image, front, back, 1.1 * float(front.radius.max() + back.radius.max()), float(both))
-
-
-def _with(sample: Sample, image: np.ndarray) -> Sample:
-    return Sample(**{**vars(sample), "image": image})
 
 
 def _paints(rng: np.random.Generator) -> tuple[list[np.ndarray], np.ndarray]:

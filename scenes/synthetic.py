@@ -111,8 +111,8 @@ def make(
         vertices=vertices,
         faces=faces,
         spine=spine,
-        radius=scale * size * _mean_radius(solid, len(spine)),
-        clicks=_clicks(spine, click_error * size / 512, click_rng),
+        radius=scale * size * mean_radius(solid, len(spine)),
+        clicks=rough_clicks(spine, click_error * size / 512, click_rng),
         length=scale * size,
         volume=volume(vertices, faces),
         camera=Camera.orthographic(),
@@ -223,8 +223,7 @@ def _look(
     colour: bool,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Direction to the light (3,), colour of the solid (k,) and background (size, size, k); k is 3 or 1."""
-    off, around = np.radians(rng.uniform(10, 45)), rng.uniform(0, 2 * np.pi)
-    light = np.array([np.sin(off) * np.cos(around), np.sin(off) * np.sin(around), -np.cos(off)])
+    light = light_from(rng)
     across, strength = rng.uniform(0, 2 * np.pi), rng.uniform(0.0, 0.04)
     bright, dark = rng.uniform(0.8, 0.95), rng.uniform(0.3, 0.4)
     solid, behind = (bright, 0.06) if contrast == "bright" else (dark, 0.85)
@@ -235,11 +234,19 @@ def _look(
     return light, solid * hues[0], (behind + ramp)[..., None] * hues[1]
 
 
-def _mean_radius(solid: shapes.Sweep, count: int) -> np.ndarray:
+def light_from(rng: np.random.Generator) -> np.ndarray:
+    """A direction to the light, shape (3,), 10 to 45 degrees off the viewer."""
+    off, around = np.radians(rng.uniform(10, 45)), rng.uniform(0, 2 * np.pi)
+    return np.array([np.sin(off) * np.cos(around), np.sin(off) * np.sin(around), -np.cos(off)])
+
+
+def mean_radius(solid: shapes.Sweep, count: int) -> np.ndarray:
+    """Radius of a solid at `count` even stations, shape (count,), in lengths of its axis."""
     return np.interp(np.linspace(0, 1, count), solid.station, solid.radius)
 
 
-def _clicks(spine: np.ndarray, error: float, rng: np.random.Generator) -> np.ndarray:
+def rough_clicks(spine: np.ndarray, error: float, rng: np.random.Generator) -> np.ndarray:
+    """Five image points (5, 2) along an axis (n, 3), with a standard deviation of `error` [px] in each coordinate."""
     at = np.linspace(0.12, 0.88, 5) * (len(spine) - 1)
     exact = np.stack([np.interp(at, np.arange(len(spine)), c) for c in spine[:, :2].T], 1)
     return exact + error * rng.standard_normal(exact.shape)
@@ -258,7 +265,7 @@ def write_squash(folder: Path) -> None:
         vertices=vertices.astype(np.float32),
         faces=faces.astype(np.uint16),
         spine=axis,
-        radius=SQUASH_LENGTH * _mean_radius(solid, len(axis)),
+        radius=SQUASH_LENGTH * mean_radius(solid, len(axis)),
         length=SQUASH_LENGTH,
         volume=volume(vertices, faces),
     )

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from PIL import Image, ImageDraw
 from scipy import ndimage
 from scipy.interpolate import CubicSpline
 
@@ -16,7 +15,7 @@ from .fields import Cut, pieces
 from .foreground import Foreground
 from .hidden import Hidden
 from .potential import Potential
-from .surface import refine, smooth_pieces, volume_and_area
+from .surface import refine, silhouette, smooth_pieces, volume_and_area
 
 REACH = 0.15
 """How far from the contour its edge is looked for, in half widths of the object."""
@@ -104,24 +103,35 @@ def map_agreement(
 
 def _silhouette(tube: np.ndarray, camera: Camera, map_: Foreground, cuts: Sequence[Cut]) -> np.ndarray:
     """The map's samples that the tube covers."""
-    picture = Image.new("1", map_.inside.shape[::-1])
-    draw = ImageDraw.Draw(picture)
+    mask = np.zeros(map_.inside.shape, bool)
     for grid in smooth_pieces(tube, cuts=cuts):
         rows = np.unique([*range(0, grid.shape[1], 2), grid.shape[1] - 1])
-        points = (camera.project(grid[::2, rows]) - np.array(map_.origin)) / map_.step
-        around = np.roll(points, -1, axis=0)
-        patches = np.stack([points[:, :-1], points[:, 1:], around[:, 1:], around[:, :-1]], axis=2)
-        for corners in patches.reshape(-1, 8).tolist():
-            draw.polygon(corners, fill=1)
-    return np.asarray(picture)
+        mask |= silhouette((camera.project(grid[::2, rows]) - np.array(map_.origin)) / map_.step, mask.shape)
+    return mask
 
 
 @dataclass(frozen=True)
 class Support:
-    """Of one piece of contour: which points lie on image data, and how far from its edge [px]."""
+    """Of one piece of contour: which points lie on image data, how far from its edge, and what each stands for [px]."""
 
     supported: np.ndarray
     offset: np.ndarray
+    length: np.ndarray
+
+    def only(self, chosen: np.ndarray) -> Support:
+        """That of chosen points, shape (n,), bool."""
+        return Support(self.supported[chosen], self.offset[chosen], self.length[chosen])
+
+
+def lengths(points: np.ndarray) -> np.ndarray:
+    """Length of the line that each of its points (n, 2) stands for, shape (n,): points lie close where rings do."""
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    return 0.5 * (np.append(steps, 0.0) + np.append(0.0, steps)) if len(points) else np.zeros(0)
+
+
+def share_of(flags: np.ndarray, length: np.ndarray) -> float:
+    """Share of a line's length with a flag, both shape (n,); 0 of nothing."""
+    return float(length[flags].sum() / length.sum()) if length.sum() > 0 else 0.0
 
 
 def support_measures(found: Sequence[Support], hidden: Sequence[np.ndarray] | None = None) -> dict[str, Any]:
@@ -131,15 +141,16 @@ def support_measures(found: Sequence[Support], hidden: Sequence[np.ndarray] | No
     """
     hidden = [np.zeros(len(s.supported), bool) for s in found] if hidden is None else hidden
     unseen = np.concatenate([*hidden, np.zeros(0, bool)])
-    flags = np.concatenate([s.supported for s in found] or [np.zeros(0, bool)])[~unseen]
-    offsets = np.abs(np.concatenate([s.offset for s in found] or [np.zeros(0)]))[~unseen][flags]
+    length = np.concatenate([*(s.length for s in found), np.zeros(0)])
+    flags = np.concatenate([*(s.supported for s in found), np.zeros(0, bool)])[~unseen]
+    offsets = np.abs(np.concatenate([*(s.offset for s in found), np.zeros(0)]))[~unseen][flags]
     residual = {
         name: float(f(offsets)) if len(offsets) else float("nan")
         for name, f in (("mean", np.mean), ("p95", lambda x: np.quantile(x, 0.95)), ("max", np.max))
     }
     return {
-        "supported_share": float(flags.mean()) if len(flags) else 0.0,
-        "hidden_share": float(unseen.mean()) if len(unseen) else 0.0,
+        "supported_share": share_of(flags, length[~unseen]),
+        "hidden_share": share_of(unseen, length),
         "contour_residual_px": residual,
     }
 
@@ -180,7 +191,7 @@ def contour_support(
         within = ndimage.map_coordinates(inside, _at(points - reach * normals, potential), order=1, mode="constant")
         beyond = ndimage.map_coordinates(inside, _at(points + reach * normals, potential), order=1, mode="constant")
         supported &= within - beyond > 0.2
-    return Support(supported, offset)
+    return Support(supported, offset, lengths(points))
 
 
 def _at(points: np.ndarray, potential: Potential) -> np.ndarray:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from PIL import Image, ImageDraw
 from scipy import ndimage
 
 from .foreground import BINS, FINE, FINEST, ROUND, SHAPE, Foreground, colours, histogram, resample, tinted
 from .problem import View
+from .surface import silhouette
 
 AROUND = 2.0
 """What is looked at beyond the tube, in half widths."""
@@ -66,10 +66,14 @@ class Palette:
         return Foreground(inside, self.step, (float(origin[0]), float(origin[1])), self.length, self.half_width, axis)
 
     def seen(self, map_: Foreground, tube: np.ndarray) -> float:
-        """Share of the tube's silhouette, shape (N_x, N_s, 3), that is the object by a map; of what lies in the image."""
+        """How far a tube, shape (N_x, N_s, 3), and a map's object are one: the less of what each holds of the other.
+
+        Of what lies in the image; a tube that has shrunk to a part of the object is not it.
+        """
         points = (self.camera.project(tube) - np.array(map_.origin)) / map_.step
         within = silhouette(points, map_.inside.shape)
-        return float(map_.inside[within].mean()) if within.any() else 0.0
+        both = float(map_.inside[within].sum())
+        return both / max(float(within.sum()), float(map_.inside.sum()), 1.0)
 
     def _sampled(self, image: np.ndarray, low: np.ndarray, high: np.ndarray, margin: float) -> tuple[np.ndarray, np.ndarray]:
         """Colours (h, w, channels) about a box of image points, and the image point of sample (0, 0)."""
@@ -88,17 +92,6 @@ class Palette:
         if self.ignore is None:
             return np.ones(shape, bool)
         return resample((~self.ignore).astype(np.float32), origin, self.step, shape) > 0.5
-
-
-def silhouette(points: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """Samples (h, w), bool, that the patches of a projected grid, shape (N_x, N_s, 2), cover."""
-    picture = Image.new("1", (shape[1], shape[0]))
-    draw = ImageDraw.Draw(picture)
-    around = np.roll(points, -1, axis=0)
-    patches = np.stack([points[:, :-1], points[:, 1:], around[:, 1:], around[:, :-1]], axis=2)
-    for corners in patches.reshape(-1, 8).tolist():
-        draw.polygon(corners, fill=1)
-    return np.asarray(picture)
 
 
 def signed_depth(mask: np.ndarray) -> np.ndarray:

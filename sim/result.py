@@ -9,7 +9,7 @@ import numpy as np
 
 from .assembly import Assembly
 from .fields import Cut
-from .measure import Support, contour_support, map_agreement, shape_measures, support_measures
+from .measure import contour_support, map_agreement, shape_measures, share_of, support_measures
 from .potential import Potential, PotentialPicture
 from .problem import Settings, View
 from .surface import occluding_contour, refine
@@ -135,7 +135,7 @@ def finish(
         support = [contour_support(p, n, potential, inside, map_.half_width) for p, n in pieces]
         on = [_in_image(p, size) for p, _ in pieces]
         hides = [np.zeros(len(p), bool) if hider is None else hider.near(p, potential.sigma) for p, _ in pieces]
-        within = [Support(s.supported[i], s.offset[i]) for s, i in zip(support, on, strict=True)]
+        within = [s.only(i) for s, i in zip(support, on, strict=True)]
         unseen = [h[i] for h, i in zip(hides, on, strict=True)]
         own[view.name] = support_measures(within, unseen)
         if scene.settings.potential == "map":
@@ -143,7 +143,8 @@ def finish(
             own[view.name] |= dict(zip(("map_agreement", "map_certainty"), agreement, strict=True))
         seen.append(Seen([p for p, _ in pieces], [s.supported for s in support], hides))
         supports, hidden = supports + within, hidden + unseen
-        outside = 1 - float(np.concatenate(on or [np.zeros(0, bool)]).mean()) if sum(map(len, on)) else 1.0
+        length = np.concatenate([*(s.length for s in support), np.zeros(0)])
+        outside = 1 - share_of(np.concatenate([*on, np.zeros(0, bool)]), length)
         held = _in_image(view.camera.project(spine[[0, -1]]), size)
         cut = MOST_OUTSIDE < outside < MOST_CUT and not held.all()
         left.append((outside, cut))

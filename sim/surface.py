@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from PIL import Image, ImageDraw
 from scipy.interpolate import CubicSpline
 from skimage import measure
 
@@ -183,3 +184,14 @@ def wire(tube: np.ndarray, around: int = 16, along: int = 25, cuts: Sequence[Cut
         lines += [np.concatenate([grid[:, j], grid[:1, j]]) for j in rows]
         lines += [grid[i] for i in np.unique(np.linspace(0, n, around, endpoint=False).astype(int))]
     return lines
+
+
+def silhouette(points: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """Samples (h, w), bool, that the patches of a projected grid, shape (N_x, N_s, 2), cover."""
+    picture = Image.new("1", (shape[1], shape[0]))
+    draw = ImageDraw.Draw(picture)
+    around = np.roll(points, -1, axis=0)
+    patches = np.stack([points[:, :-1], points[:, 1:], around[:, 1:], around[:, :-1]], axis=2)
+    for corners in patches.reshape(-1, 8).tolist():
+        draw.polygon(corners, fill=1)
+    return np.asarray(picture)

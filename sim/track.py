@@ -31,8 +31,8 @@ DEGREE, MOVES = 5, 2
 """Of a rod's moves, see `bend`, and how many a frame begins with."""
 SMOOTH = 2.0
 """Rings over which the turn of a ring from frame to frame is averaged for its prediction."""
-LEAST_SEEN, LEAST_BACK = 0.6, 0.8
-"""Share of the tube's silhouette that must be the object by its colours: below, it is lost; above, it is there again."""
+LEAST_SEEN, LEAST_BACK = 0.85, 0.9
+"""Of how far tube and object are one by its colours (`Palette.seen`), over the first frame's: lost below, back above."""
 MOST_OFF = 0.2
 """How far the contour may be off its edges on average, in half widths; half of that to be taken up again."""
 MOST_OUT = 0.5
@@ -81,8 +81,9 @@ class Follower:
     Attributes:
         states: its nodes in each frame so far, as `Fabric.positions` gives them.
         notes: for each frame nothing, or why it is not to be trusted.
-        seen, off: least share of the silhouette that is the object, and most mean way of the contour to its edges [half
-            widths], over the views, of each frame.
+        whole: how far tube and object are one in each view of the first frame, see `Palette.seen`.
+        seen, off: the least of that over the first frame's, and most mean way of the contour to its edges [half widths],
+            over the views, of each frame.
 
     Args:
         relaxation: of the first frame, at its end.
@@ -96,6 +97,9 @@ class Follower:
         self.sigmas = [[space.sigmas[max(s, -len(space.sigmas))] for s in SCALES] for space in scene.spaces[0]]
         self.cameras = [scene.own_camera(view.camera) for view in scene.views]
         self.states, self.notes = [scene.positions()], [""]
+        tube, spine = self.world(self.states[0])
+        pairs = zip(self.palettes, scene.views, strict=True)
+        self.whole = [palette.seen(palette.map(view.image, tube, spine), tube) for palette, view in pairs]
         self.seen, self.off = [1.0], [0.0]
         self.seconds = 0.0
         if scene.weights.materials[0].L1 is None:
@@ -209,8 +213,9 @@ class Follower:
         grid, closed = self.grid(state[0]).astype(float), self.scene.tubes[0].material.closed
         tube, _ = self.world(state)
         seen, off, out = [], [], []
-        for palette, own, view, look in zip(self.palettes, self.cameras, self.scene.views, looks, strict=True):
-            seen.append(palette.seen(look.space.map, tube))
+        parts = zip(self.palettes, self.whole, self.cameras, self.scene.views, looks, strict=True)
+        for palette, whole, own, view, look in parts:
+            seen.append(palette.seen(look.space.map, tube) / max(whole, 1e-9))
             points = view.camera.project(tube)
             h, w = view.image.shape[:2]
             out.append(float(((points < 0) | (points > [w - 1, h - 1])).any(axis=-1).mean()))
@@ -331,7 +336,7 @@ def _followed(follower: Follower) -> ObjectResult:
     for text in dict.fromkeys(filter(None, follower.notes)):
         at = [i for i, note in enumerate(follower.notes) if note == text]
         out.warnings.append(f"frame{'s' * (len(at) > 1)} {_runs(at)}: {text}")
-    out.trusted = not out.warnings
+    out.trusted &= not any(follower.notes)
     return out
 
 

@@ -51,6 +51,7 @@ def test_a_bending_finger_is_followed(finger, frames, found):
         inner = seen(finger, o.spine[i])[:-3]
         apart = inner - frame.spine[KDTree(frame.spine).query(inner)[1]]
         assert np.abs(apart[:, 2]).mean() < 0.01 * finger.length
+    assert o.trusted and o.measures["partial"]  # its base is cut off, which is told and no doubt
     stayed = KDTree(frames[-1].vertices).query(seen(finger, o.tube[0].reshape(-1, 3)))[0]
     assert stayed.mean() > 0.02 * finger.length  # it would not do to stay where it was
     for camera, cover in zip(finger.cameras, frames[-1].coverages, strict=True):
@@ -77,6 +78,22 @@ def test_a_missing_frame_is_skipped_and_told(finger, frames):
     assert len(o.tube) == 5 and np.isfinite(o.tube).all()
     assert any("left.png is broken" in str(note) for note in o.notes)
     assert not o.trusted and any("left.png is broken" in warning for warning in o.warnings)
+
+
+def test_what_is_gone_is_lost_and_taken_up_again(finger, frames):
+    """Two frames of the bare ground: told as lost in both, its place kept, and found when it is there again."""
+    bare = []
+    for image, cover in zip(frames[3].images, frames[3].coverages, strict=True):
+        ground = np.median(image[cover == 0], axis=0)
+        bare.append(np.where(cover[..., None] > 0, ground, image).astype(np.float32))
+    stream = [frame.images for frame in frames]
+    stream[3] = stream[4] = bare
+    (o,) = follow(finger, stream).objects
+    assert [note.startswith("lost") for note in o.notes] == [False, False, False, True, True, False, False]
+    assert not o.trusted and any("frames 3 to 4: lost" in warning for warning in o.warnings)
+    np.testing.assert_array_equal(o.tube[3], o.tube[2])
+    nodes = seen(finger, o.tube[-1].reshape(-1, 3))
+    assert KDTree(frames[-1].vertices).query(nodes)[0].mean() < 0.015 * finger.length
 
 
 def test_same_bits_twice(finger, frames, found):
