@@ -6,7 +6,16 @@ import pytest
 from symseek.scenes.synthetic import make
 from symseek.sim.camera import Camera
 from symseek.sim.foreground import Foreground
-from symseek.sim.measure import arc_length, contour_support, map_agreement, shape_measures
+from symseek.sim.measure import (
+    Support,
+    arc_length,
+    contour_support,
+    lengths,
+    map_agreement,
+    shape_measures,
+    share_of,
+    support_measures,
+)
 from symseek.sim.potential import Potential
 from symseek.sim.problem import Settings, Tube, View
 from symseek.sim.reconstruct import reconstruct
@@ -157,3 +166,16 @@ def test_a_run_cut_short_is_trusted_once_it_hardly_moves():
     assert not early.converged and any("not at rest" in w for w in early.warnings)
     assert not late.converged and late.trusted
     assert late.measures["volume"] == pytest.approx(sample.volume, rel=0.02)
+
+
+def test_shares_of_a_contour_go_by_its_length():
+    """A straight line of 10 px whose second half has ten times as many points: each half counts as a half."""
+    column = np.concatenate([np.linspace(0, 5, 11), np.linspace(5, 10, 101)[1:]])
+    points = np.column_stack([column, np.zeros(len(column))])
+    length = lengths(points)
+    assert length.sum() == pytest.approx(10)
+    assert share_of(column > 5, length) == pytest.approx(0.5, abs=0.03)
+    found = support_measures([Support(column <= 5, np.zeros(len(column)), length)], [column > 7.5])
+    assert found["hidden_share"] == pytest.approx(0.25, abs=0.01)
+    assert found["supported_share"] == pytest.approx(5 / 7.5, abs=0.04)
+    assert share_of(np.zeros(0, bool), np.zeros(0)) == 0
