@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from symseek.checks import SceneError
-from symseek.scene import find, load
+from symseek.scene import find, load, read
 
 from .session import PALETTE, Item, Session, State
 
@@ -89,12 +89,13 @@ class Folder:
     def _scene(self, full: Path) -> State:
         if full.is_file() and full.stat().st_size > SCENE_MOST:
             raise SceneError(full.name, "", f"has {full.stat().st_size / 1e6:.0f} MB", "a scene file is a few kB of text")
-        data = _tables(full)
-        for view in data.get("view", []):
-            for key in ("image", "ignore"):
+        views = read(full).get("view", [])
+        for view in views if isinstance(views, list) else []:
+            for key in ("image", "ignore", "frames"):
                 value = view.get(key, "") if isinstance(view, Mapping) else ""
-                if isinstance(value, str) and not value.startswith("skimage:"):
-                    self.inside(full.parent / os.path.expandvars(os.path.expanduser(value)))
+                for name in value if isinstance(value, list) else [value]:
+                    if isinstance(name, str) and not name.startswith("skimage:"):
+                        self.inside(full.parent / os.path.expandvars(os.path.expanduser(name)))
         scene = load(full)
         if len(scene.views) > 1 or scene.frames:
             what = "moves" if scene.frames else f"has {len(scene.views)} views"
@@ -147,15 +148,6 @@ def _is_scene(path: Path) -> bool:
             return path.stat().st_size < SCENE_MOST and b"[[view]]" in file.read(100_000)
     except OSError:
         return False
-
-
-def _tables(path: Path) -> dict[str, Any]:
-    import tomllib
-
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return {}  # `load` says what is wrong with it
 
 
 def write_whole(path: Path, text: str) -> None:

@@ -6,7 +6,6 @@ import copy
 import csv
 import multiprocessing
 import os
-import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
@@ -14,9 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from .checks import SceneError, suggest
-from .override import apply
 from .pipeline import run
-from .scene import build, find
+from .scene import build, find, read
 
 TABLE = "batch.csv"
 LEAN = ("output.video=false", "output.views=false", "output.potentials=false")
@@ -73,12 +71,7 @@ def batch(
         SceneError: scene file, axes or folder at fault, or images that share a name.
     """
     path = find(scene)
-    try:
-        text = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as problem:
-        raise SceneError(str(path), "", f"is no scene file ({problem})", "give a TOML file") from None
-    for override in (*LEAN, *overrides):
-        apply(text, override, str(path))
+    text = read(path, (*LEAN, *overrides))
     given = _axes(Path(axes)) if axes is not None else {}
     name = str(text.get("name") or (path.parent.name if path.stem == "scene" else path.stem))
     out = Path("out") / f"{name}-batch" if out is None else Path(out)

@@ -118,6 +118,19 @@ def load(path: str | Path, overrides: Iterable[str] = ()) -> Scene:
     """
     began = time.perf_counter()
     path = find(path)
+    source, data = str(path), read(path, overrides)
+    name = path.parent.name if path.stem == "scene" and path.parent.name else path.stem
+    scene = build(data, path.parent, source, name)
+    scene.seconds = time.perf_counter() - began
+    return scene
+
+
+def read(path: Path, overrides: Iterable[str] = ()) -> dict[str, Any]:
+    """The tables of a scene file, not checked yet.
+
+    Raises:
+        SceneError: it cannot be read, is no TOML, or an override leads nowhere.
+    """
     source = str(path)
     try:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -137,10 +150,7 @@ def load(path: str | Path, overrides: Iterable[str] = ()) -> Scene:
         raise SceneError(source, "", f"cannot be read ({problem.strerror})", "give the path of a scene file") from None
     for override in overrides:
         apply(data, override, source)
-    name = path.parent.name if path.stem == "scene" and path.parent.name else path.stem
-    scene = build(data, path.parent, source, name)
-    scene.seconds = time.perf_counter() - began
-    return scene
+    return data
 
 
 def build(data: Mapping[str, Any], base: Path, source: str, name: str = "object") -> Scene:

@@ -248,14 +248,17 @@ def test_nothing_outside_the_folder_is_read_or_written(folder, tmp_path):
     os.symlink(outside, tmp_path / "link.png")
     (tmp_path / "evil.toml").write_text('[[view]]\nimage = "../outside.png"\n[[object]]\nspine = [[1, 1], [40, 40]]\n')
     (tmp_path / "home.toml").write_text('[[view]]\nimage = "$HOME/x.png"\n[[object]]\nspine = [[1, 1], [40, 40]]\n')
-    for path in ("../outside.png", str(outside), "link.png", "evil.toml", "home.toml", "/etc/passwd"):
+    for name, value in (("moves", '"../outside*.png"'), ("listed", '["photo.png", "../outside.png"]')):
+        (tmp_path / f"{name}.toml").write_text(f"[[view]]\nframes = {value}\n[[object]]\nspine = [[1, 1], [40, 40]]\n")
+    files = [f"{name}.toml" for name in ("evil", "home", "moves", "listed")]
+    for path in ("../outside.png", str(outside), "link.png", *files, "/etc/passwd"):
         with pytest.raises(symseek.SceneError, match="lies outside"):
             folder.open(path)
     session, _ = drawn(folder, *AXIS)
     with pytest.raises(symseek.SceneError, match="lies outside"):
         folder.write(session, "../x.html", "")
     assert not (tmp_path.parent / "x.html").exists()
-    assert set(folder.listing()) == {"photo.png", "link.png", "evil.toml", "home.toml"}
+    assert set(folder.listing()) == {"photo.png", "link.png", *files}
 
 
 def test_files_at_fault_are_refused(folder, tmp_path):
