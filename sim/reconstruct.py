@@ -24,8 +24,8 @@ __all__ = ["ObjectResult", "Progress", "Result", "reconstruct"]
 
 SCALES = 8
 """Of so many scales the potentials of a single tube are made ahead; of many tubes memory bears one."""
-REFRESH = 20
-"""Iterations between two looks at what hides the tubes."""
+REFRESH, ALONE = 20, 100
+"""Iterations between two looks at what hides the tubes; and whether a lone one lies before itself."""
 WAKES = 5
 """How often tubes at rest may start again because what hides them has changed."""
 
@@ -172,19 +172,22 @@ def reconstruct(
 
 
 class Look:
-    """Looks every `REFRESH` iterations what hides the tubes."""
+    """Looks every `REFRESH` iterations, or `ALONE` of a single tube, what hides the tubes."""
 
     def __init__(self, parts: list[Relaxation], settings: Settings, depth_pass: Pass | None):
-        self.parts, self.wakes, self.last = parts, 0, -REFRESH
+        self.every = REFRESH if len(parts) > 1 else ALONE
+        self.parts, self.wakes, self.last = parts, 0, -self.every
         self.visibility = Visibility(depth_pass if settings.visibility == "depth" else None)
         self.off = settings.visibility == "off"
 
     def again(self, iteration: int) -> None:
         """To be called between iterations; at the end of all parts it looks once more and may wake some."""
         done = all(part.done for part in self.parts)
-        if self.off or (iteration - self.last < REFRESH and not done) or (done and self.wakes == WAKES):
+        if (iteration - self.last < self.every and not done) or (done and self.wakes == WAKES):
             return
         self.last = iteration
+        if self.off:
+            return
         self.wakes += done
         for part, changed in zip(self.parts, self.visibility.refresh([p.scene for p in self.parts]), strict=True):
             if not part.diverged and any(hidden is not None for views in part.scene.hidden for hidden in views) | changed:
@@ -198,21 +201,25 @@ def _run(
     callback: Callable[[Progress], bool | None] | None,
     every: int,
 ) -> None:
-    """Takes all parts to their ends, `every` iterations at a time if somebody looks on."""
-    progress = Progress(parts)
-    count = every if callback else REFRESH if len(parts) > 1 else max(part.scene.settings.iterations for part in parts)
+    """Takes all parts to their ends; looks do not depend on whether somebody watches, every so many iterations."""
+    progress, passed = Progress(parts), 0
     look.again(0)
     while going := [part for part in parts if not part.done]:
+        count = look.last + look.every - passed
+        if callback:
+            count = min(count, every - passed % every)
+        passed += count
         if len(going) == 1:
             going[0].advance(count)
         else:
             list(pool.map(lambda part: part.advance(count), going))
         progress.iteration = max(part.iteration for part in parts)
-        if callback and callback(progress):
+        done = all(part.done for part in parts)
+        if callback and (passed % every == 0 or done) and callback(progress):
             for part in going:
                 part.stop()
             return
-        look.again(progress.iteration)
+        look.again(passed)
 
 
 def _finished(part: Relaxation) -> list[ObjectResult]:

@@ -12,6 +12,7 @@ from symseek.sim.material import Material
 from symseek.sim.problem import Settings, Tube, View
 from symseek.sim.reconstruct import ObjectResult, reconstruct
 from symseek.sim.relax import LONGEST, limit
+from symseek.sim.visibility import Visibility
 
 SIZE = 256
 
@@ -123,6 +124,23 @@ def test_each_of_several_as_alone_and_on_any_threads(sample):
     last = max(o.iterations for o in alone)
     assert seen == [*range(50, last, 50), last]
     np.testing.assert_array_equal(watched[1].tube, alone[1].tube)
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_what_hides_is_looked_for_whether_or_not_somebody_watches(sample, count, monkeypatch):
+    """At the same places of all tubes, so that a callback changes no bit."""
+    looks: list[list] = []
+
+    def refresh(self, scenes):
+        looks[-1].append([scene.time for scene in scenes])
+        return [False] * len(scenes)
+
+    monkeypatch.setattr(Visibility, "refresh", refresh)
+    tubes = [Tube(sample.clicks, name="a"), Tube(sample.clicks[::-1], name="b")][:count]
+    for every, callback in ((1, None), (1, lambda progress: None), (7, lambda progress: None)):
+        looks.append([])
+        reconstruct([View(sample.image)], tubes, Settings(iterations=330), callback=callback, every=every)
+    assert looks[0] == looks[1] == looks[2] and len(looks[0]) > 3
 
 
 def test_callback_sees_each_iteration_and_stops(sample):
