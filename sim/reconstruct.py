@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from itertools import repeat
 
 import numpy as np
 import warp as wp
@@ -212,7 +213,7 @@ def _run(
         if len(going) == 1:
             going[0].advance(count)
         else:
-            list(pool.map(lambda part: part.advance(count), going))
+            list(pool.map(Relaxation.advance, going, repeat(count)))
         progress.iteration = max(part.iteration for part in parts)
         done = all(part.done for part in parts)
         if callback and (passed % every == 0 or done) and callback(progress):
