@@ -30,6 +30,8 @@ class StillLife:
 
     image: np.ndarray
     """float32 in [0, 1], shape (H, W, 3)."""
+    lone: np.ndarray
+    """the same picture without the back solid."""
     front: Sample
     back: Sample
     """`coverage` is of the whole silhouette, hidden or not."""
@@ -67,7 +69,7 @@ def make(
     light = light_from(rng)
     paints, ground = _paints(rng)
     ambient = rng.uniform(0.35, 0.7)
-    image = np.broadcast_to(ground, (size, size, 3)).copy()
+    image = lone = np.broadcast_to(ground, (size, size, 3))
     samples: list[Sample] = []
     for solid, kind, (turn, scale, middle), paint in reversed(list(zip(solids, kinds, laid, paints, strict=True))):
         vertices, faces = shapes.mesh(solid)
@@ -75,7 +77,8 @@ def make(
         vertices, axis = ((scale * p @ turn.T + [*middle, 0]) * size - [0.5, 0.5, 0] for p in (vertices, axis))
         shade, cover = render(vertices, faces, (size, size), light, ambient)
         alpha = cover[..., None]
-        image = (1 - alpha) * image + alpha * shade[..., None] * paint
+        # the front solid comes last
+        image, lone = ((1 - alpha) * under + alpha * shade[..., None] * paint for under in (image, ground))
         samples.append(
             Sample(
                 image=image,
@@ -92,10 +95,11 @@ def make(
                 seed=seed,
             )
         )
-    image = np.clip(image + noise * rng.standard_normal(image.shape), 0, 1).astype(np.float32)
+    grain = noise * rng.standard_normal(image.shape)
+    image, lone = (np.clip(picture + grain, 0, 1).astype(np.float32) for picture in (image, lone))
     back, front = (replace(sample, image=image) for sample in samples)
     both = np.minimum(front.coverage, back.coverage).sum() / back.coverage.sum()
-    return StillLife(image, front, back, 1.1 * float(front.radius.max() + back.radius.max()), float(both))
+    return StillLife(image, lone, front, back, 1.1 * float(front.radius.max() + back.radius.max()), float(both))
 
 
 def _paints(rng: np.random.Generator) -> tuple[list[np.ndarray], np.ndarray]:
