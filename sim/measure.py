@@ -76,9 +76,16 @@ def shape_measures(
 
 
 def map_agreement(
-    tube: np.ndarray, camera: Camera, map_: Foreground, cuts: Sequence[Cut] = (), hidden: Hidden | None = None
+    tube: np.ndarray,
+    camera: Camera,
+    map_: Foreground,
+    cuts: Sequence[Cut] = (),
+    hidden: Hidden | None = None,
+    others: Hidden | None = None,
 ) -> tuple[float, float]:
     """How far the map bears out a tube, shape (N_x, N_s, 3), and how sure the map is of itself, where it is not hidden.
+
+    Parts that join in one colour have no edge between them: what the map has beyond the tube where others lie is theirs.
 
     Returns:
         Share of the tube's silhouette and the map's object together that they agree about to within a sample;
@@ -91,13 +98,17 @@ def map_agreement(
     object_ = labels == 1 + shared[1:].argmax()
     if any(gap for _, gap in cuts):
         object_ |= np.isin(labels, 1 + np.flatnonzero(shared[1:] > 0.5 * whole[1:]))
-    seen = np.ones(mask.shape, bool)
+    rows, columns = np.indices(mask.shape)
+    points = np.stack([columns, rows], axis=-1) * map_.step + map_.origin
+    seen, own = np.ones(mask.shape, bool), np.ones(mask.shape, bool)
     if hidden is not None:
-        rows, columns = np.indices(mask.shape)
-        points = np.stack([columns, rows], axis=-1) * map_.step + map_.origin
         seen = ~hidden.near(points, 0.5 * map_.step)
+    if others is not None:
+        own = mask | ~ndimage.binary_dilation(others.at(points))
+        object_ = object_ & own
     apart = sum(np.sum(a & np.logical_not(ndimage.binary_dilation(b)) & seen) for a, b in ((mask, object_), (object_, mask)))
-    sure, maybe = (map_.inside > SURE) & seen, (map_.inside > 1 - SURE) & seen
+    sure = (map_.inside > SURE) & seen
+    maybe = (map_.inside > 1 - SURE) & seen & (own | sure)
     return float(1 - apart / max(((mask | object_) & seen).sum(), 1)), float(sure.sum() / max(maybe.sum(), 1))
 
 

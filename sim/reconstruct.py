@@ -19,7 +19,7 @@ from .order import in_order, tell
 from .problem import Settings, Tube, View
 from .relax import Relaxation, thinned
 from .result import ObjectResult, Result, finish
-from .visibility import Pass, Visibility
+from .visibility import Pass, Visibility, note_others
 
 __all__ = ["ObjectResult", "Progress", "Result", "reconstruct"]
 
@@ -162,6 +162,8 @@ def reconstruct(
         waited = sum(part.waited for part in parts) / threads
         lap("solve")
         seconds["potential"], seconds["solve"] = waited, seconds["solve"] - waited
+        if len(tubes) > 1:
+            note_others([part.scene for part in parts])
         objects = [o for finished in pool.map(_finished, parts) for o in finished]
     for o, order in zip(objects, found, strict=True):
         tell(o, order)

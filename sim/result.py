@@ -139,7 +139,7 @@ def finish(
         unseen = [h[i] for h, i in zip(hides, on, strict=True)]
         own[view.name] = support_measures(within, unseen)
         if scene.settings.potential == "map":
-            agreement = map_agreement(nodes, view.camera, map_, cuts, hider)
+            agreement = map_agreement(nodes, view.camera, map_, cuts, hider, scene.others[k][v])
             own[view.name] |= dict(zip(("map_agreement", "map_certainty"), agreement, strict=True))
         seen.append(Seen([p for p, _ in pieces], [s.supported for s in support], hides))
         supports, hidden = supports + within, hidden + unseen

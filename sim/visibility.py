@@ -11,6 +11,7 @@ from ..kernels import rays
 from .assembly import Assembly
 from .camera import Camera
 from .hidden import Hidden
+from .surface import silhouette
 
 AHEAD = 1e-3
 """How much nearer a spine must be to lie in front [lengths of the other]: of spines as deep, neither hides the other."""
@@ -161,6 +162,33 @@ class Visibility:
         for k, tube in enumerate(flat):
             found[k] = _with_own(found[k], tube, shape)
         return found
+
+
+def note_others(scenes: Sequence[Assembly]) -> None:
+    """Writes `Assembly.others` of every tube in every view: which pixels of its map's crop any other tube covers."""
+    where = [(scene, k) for scene in scenes for k in range(len(scene.tubes))]
+    for v, view in enumerate(scenes[0].views):
+        height, width = view.image.shape[:2]
+        count = np.zeros((height, width), np.int32)
+
+        def box(low: np.ndarray, high: np.ndarray, size: tuple[int, int] = (width, height)) -> tuple[slice, slice]:
+            left, top = np.clip(np.floor(low), 0, size).astype(int)
+            right, bottom = np.clip(np.ceil(high) + 1, 0, size).astype(int)
+            return slice(top, bottom), slice(left, right)
+
+        covers = []
+        for scene, k in where:
+            flat = view.camera.project(scene.world(k)[0])
+            part = box(flat.min((0, 1)), flat.max((0, 1)))
+            covers.append((part, silhouette(flat - [part[1].start, part[0].start], count[part].shape)))
+            count[part] += covers[-1][1]
+        for (scene, k), (part, cover) in zip(where, covers, strict=True):
+            map_ = scene.maps[k][v]
+            crop = box(np.array(map_.origin), np.add(map_.origin, np.multiply(map_.step, map_.inside.shape[::-1])))
+            count[part] -= cover
+            mask = count[crop] > 0
+            scene.others[k][v] = Hidden(mask, (crop[1].start, crop[0].start)) if mask.any() else None
+            count[part] += cover
 
 
 def _behind(

@@ -1,11 +1,14 @@
 """Measures of a finished tube on closed forms; support of a contour by an edge of known place."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from symseek.scenes.synthetic import make
 from symseek.sim.camera import Camera
 from symseek.sim.foreground import Foreground
+from symseek.sim.hidden import Hidden
 from symseek.sim.measure import (
     Support,
     arc_length,
@@ -148,6 +151,28 @@ def test_agreement_of_two_pieces_beside_something_else():
         alone = map_agreement(tube, Camera.orthographic(), map_, cuts)[0]
         map_.inside[place, :5] = 1.0
         assert map_agreement(tube, Camera.orthographic(), map_, cuts)[0] == alone > 0.9
+
+
+def test_what_the_map_has_where_others_lie_is_theirs():
+    """A limb joined to another of the same colour: the map goes on over both, surely or not."""
+    tube, camera = _ellipsoid()[0], Camera.orthographic()
+    map_ = _map_beside(0.0)
+    alone = map_agreement(tube, camera, map_)
+    where = np.zeros(map_.inside.shape, bool)
+    where[90:160, 75:] = True
+    others = Hidden(where, (0, 0))
+    # the mask's pixels are the map's samples
+    sampled = dataclasses.replace(map_, step=1.0, origin=(0.0, 0.0))
+    place = Camera(np.diag([1 / 0.02, 1 / 0.02, 1.0]) @ np.array([[1, 0, 0, 1.5], [0, 1, 0, 2.5], [0, 0, 0, 1.0]]))
+    assert map_agreement(tube, place, sampled) == pytest.approx(alone, abs=1e-3)
+    for value in (1.0, 0.6, 0.4):
+        spilled = dataclasses.replace(sampled, inside=np.where(where, np.maximum(map_.inside, value), map_.inside))
+        with_, without = (map_agreement(tube, place, spilled, others=o) for o in (others, None))
+        assert with_ == pytest.approx(alone, abs=0.02)
+        assert min(without) < 0.9
+    # what is the tube's own stays so: others excuse no tube that lies beside its object
+    moved = tube + np.array([0.3, 0, 0])
+    assert map_agreement(moved, place, sampled, others=Hidden(~where, (0, 0)))[0] < 0.9
 
 
 @pytest.mark.parametrize("unsure", [0.1, 0.5])

@@ -72,6 +72,21 @@ def test_same_colour_is_parted_by_the_axes():
     assert (body & limb).sum() < 0.1 * limb.sum()
 
 
+def test_parts_that_join_in_one_colour_are_trusted_with_each_other():
+    """No edge parts a limb from its body: what its map has of the body counts against it until the body is a tube, too."""
+    rows, columns = np.mgrid[:240, :240]
+    along, across = (columns - 170) * 0.94 + (rows - 150) * 0.34, (rows - 150) * 0.94 - (columns - 170) * 0.34
+    body = ((columns - 90) / 36) ** 2 + ((rows - 120) / 100) ** 2 < 1
+    limb = (along / 62) ** 2 + (across / 13) ** 2 < 1
+    image = np.where(body | limb, 0.1, 0.9).astype(np.float32)
+    tubes = [Tube(np.array([[90.0, 40], [90, 200]]), name="body"), Tube(np.array([[128.0, 135], [220, 168]]), name="limb")]
+    together = reconstruct([View(image)], tubes).objects
+    assert all(o.trusted for o in together), [o.warnings for o in together]
+    alone = reconstruct([View(image)], tubes[1:]).objects[0]
+    for name in ("map_agreement", "map_certainty"):
+        assert together[1].measures[name] > alone.measures[name]
+
+
 def test_completed_end_is_a_ball_about_the_last_point():
     """A bar 40 px wide that runs under a square: it goes on as wide as it was, rounded beyond the last point drawn."""
     rows, columns = np.mgrid[:160, :300]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from symseek.scenes.synthetic import vertex_normals
 from symseek.sim.camera import Camera
 from symseek.sim.hidden import Hidden
 from symseek.sim.potential import Potential
-from symseek.sim.visibility import Visibility, _grid_faces, cast_rays, hidden_by_depth, hidden_by_rays, seen
+from symseek.sim.visibility import Visibility, _grid_faces, cast_rays, hidden_by_depth, hidden_by_rays, note_others, seen
 
 SIZE = 512
 CAMERAS = {
@@ -247,6 +248,24 @@ def test_what_changes_little_is_taken_in_and_not_told():
     assert hidden is not None
     row = np.argwhere(hidden.mask.any(axis=1))[:, 0].mean() + hidden.corner[1]
     assert abs(row - 82) < 0.6
+
+
+def test_where_others_lie():
+    """Within its map's crop: whatever its depth, and not where it lies alone."""
+    scenes: list[Any] = [upright(100, 0.0), level(80, 5.0), upright(20, 0.0)]
+    for scene in scenes:
+        scene.maps, scene.others = [[SimpleNamespace(inside=np.zeros((90, 50)), step=2.0, origin=(60.0, 10.0))]], [[None]]
+    note_others(scenes)
+    rows, columns = np.mgrid[:200, :200]
+    at, on = np.stack([columns, rows], axis=-1), []
+    for scene in scenes:
+        found = scene.others[0][0]
+        on.append(np.zeros(rows.shape, bool) if found is None else found.at(at))
+    crop = (columns >= 60) & (columns <= 160) & (rows >= 10) & (rows <= 190)
+    inside, outside = np.abs(rows - 80) <= 13, np.abs(rows - 80) > 16
+    assert on[0][inside & crop].all() and not on[0][outside | ~crop].any()
+    inside, outside = (np.abs(columns - 100) <= 13) & (np.abs(rows - 100) < 75), np.abs(columns - 100) > 16
+    assert on[1][inside & crop].all() and not on[1][outside | ~crop].any()
 
 
 def test_before_itself():
