@@ -175,29 +175,29 @@ def ring_tension(
     ring_s: wp.array[int],
     ring_first: wp.array[int],
     ring_last: wp.array[int],
-    ring_hold: wp.array[float],
+    ring_slack: wp.array[float],
     # state in
     gap_in: wp.array[float],
     # out
     tension_out: wp.array[float],
 ):
-    """Sets the tension of each ring's edges to the next, which keeps rings from sliding along the surface for ever.
+    """Sets what the springs `edge_hold` along the meridians of a piece between discontinuities have in common.
 
-    That of springs of stiffness `ring_hold` on the mean edges, less what those of a piece between discontinuities have in
-    common: minus the gradient of sum hold/2 (gap - its share of all gaps)^2. It keeps shares, and neither draws nor pushes
-    ends.
+    Without it each of stiffness h and length e pulls with h e. Less the mean meridian over its slack, the sum of 1/h,
+    forces are minus the gradient of the mean over meridians of sum h/2 (e - (1/h) / slack * mean meridian)^2: nodes keep
+    the shares they were dealt and do not slide along the surface for ever; ends are neither drawn nor pushed.
     """
     r = wp.tid()
     s = ring_s[r]
     tension_out[r] = 0.0
-    if ring_hold[r] == 0.0 or s >= ring_last[r]:
+    if ring_slack[r] == 0.0 or s >= ring_last[r]:
         return
     length = float(0.0)
-    compliance = float(0.0)
+    slack = float(0.0)
     for q in range(r - s + ring_first[r + 1], r - s + ring_last[r]):
         length += gap_in[q]
-        compliance += 1.0 / ring_hold[q]
-    tension_out[r] = ring_hold[r] * gap_in[r] - length / compliance
+        slack += ring_slack[q]
+    tension_out[r] = length / slack
 
 
 @wp.kernel(enable_backward=False)
@@ -216,6 +216,7 @@ def tube_force(
     w02: wp.array[float],
     coupling: wp.array[Coupling],
     depth_rest: wp.array[float],
+    edge_hold: wp.array[float],
     eyes: wp.array[projection.Eye],
     # state in
     tube_in: wp.array[wp.vec3],
@@ -264,6 +265,10 @@ def tube_force(
             before = 0.5 * weight[6]
         if ring_closed[r + 1] != 0:
             after = 0.5 * weight[6]
+    held_ahead = tension_in[r]
+    held_behind = float(0.0)
+    if s > 0:
+        held_behind = tension_in[r - 1]
     twisted = bool(False)
     for i in range(start, start + n):
         if w11[i] != 0.0 or w11[i - n * wp.min(s, 1)] != 0.0:
@@ -287,10 +292,12 @@ def tube_force(
         # from the centroid, as the contraction that it cancels: from the spine it would push rings along it
         f += swell * unit(v - centroid) + upright(weight[5], v - centroid, tangent)
         f = even + own * f + elastic.line_force(tube_in, w01, w02, i, n, s, ns, hs)
-        if s > 0:
-            f += tension_in[r - 1] / hs * unit(tube_in[i - n] - v)
-        if s < ns - 1:
-            f += tension_in[r] / hs * unit(tube_in[i + n] - v)
+        if held_behind > 0.0:
+            e = tube_in[i - n] - v
+            f += (edge_hold[i - n] - held_behind / wp.max(wp.length(e), SMALL)) / hs * e
+        if held_ahead > 0.0:
+            e = tube_in[i + n] - v
+            f += (edge_hold[i] - held_ahead / wp.max(wp.length(e), SMALL)) / hs * e
         if before != 0.0:
             f += before * centre_pole(v, tube_in[i - n], gap_in[r - 1])
         if after != 0.0:

@@ -191,15 +191,16 @@ class Assembly(Fabric):
         self.model.ring_far.assign((far[:, None] ** np.arange(self.model.ring_far.shape[1])).astype(np.float32))
 
     def hold_rings(self) -> None:
-        """Lets rings keep the shares of the meridians' length that they have now."""
-        hold = np.zeros(self.model.rings)
+        """Lets nodes keep the shares of their ways to the next ring that they have now."""
+        hold, slack = np.zeros(self.model.nodes), np.zeros(self.model.rings)
         tubes = self.state.tube.numpy()
         for k, (nx, ns) in enumerate(self.model.grids):
-            edges = np.diff(tubes[self.model.nodes_of(k)].reshape(ns, nx, 3), axis=0)
-            share = np.linalg.norm(edges, axis=2).mean(axis=1)
-            share /= share.sum()
-            hold[self.model.rings_of(k)][:-1] = HOLD / np.maximum(share, 1e-3)
-        self.model.ring_hold.assign(hold.astype(np.float32))
+            edges = np.linalg.norm(np.diff(tubes[self.model.nodes_of(k)].reshape(ns, nx, 3), axis=0), axis=2)
+            share = np.maximum(edges / edges.mean(axis=1).sum(), 1e-3)
+            hold[self.model.nodes_of(k)][:-nx] = HOLD / share.ravel()
+            slack[self.model.rings_of(k)][:-1] = share.mean(axis=1) / HOLD
+        self.model.edge_hold.assign(hold.astype(np.float32))
+        self.model.ring_slack.assign(slack.astype(np.float32))
 
     def moved(self, before: np.ndarray) -> float:
         """Longest way since tube nodes were at `before`: of nodes across the surface, of closed ends in any direction.

@@ -30,7 +30,7 @@ def add_forces(model: Model, state: State, contour_kind: str, literal: bool, tau
     wp.launch(
         coupling.ring_tension,
         m.rings,
-        inputs=[m.ring_s, m.ring_first, m.ring_last, m.ring_hold, s.gap],
+        inputs=[m.ring_s, m.ring_first, m.ring_last, m.ring_slack, s.gap],
         outputs=[s.held],
         device=m.device,
     )
@@ -38,7 +38,7 @@ def add_forces(model: Model, state: State, contour_kind: str, literal: bool, tau
         coupling.tube_force,
         m.rings,
         inputs=[
-            *ring, m.ring_closed, m.w10, m.w20, m.w11, m.w01, m.w02, m.coupling, m.depth_rest, m.eyes,
+            *ring, m.ring_closed, m.w10, m.w20, m.w11, m.w01, m.w02, m.coupling, m.depth_rest, m.edge_hold, m.eyes,
             s.tube, s.spine, s.centroid, s.radius, s.gap, s.tangent, s.held,
         ],
         outputs=[s.force],

@@ -62,7 +62,8 @@ class Model:
         shaped, torn: whether any tube has natural lengths or curvatures, and whether any has a gap.
         ring_far: importance for a ring's tangent of the j-th segment of the spine either way, shape (R, WINDOW).
         k1: tension factor K1 of the spine's edges, shape (R,).
-        ring_hold: stiffness that keeps a ring's share of the way to the next, 0 for none, shape (R,).
+        edge_hold, ring_slack: stiffness of the springs that keep nodes' shares of the way to the next ring, 0 for none,
+            shape (N,); and the mean over each ring of one over it, shape (R,).
         mu, gamma: mass density and viscosity of the medium (1) of tube nodes, shape (N,).
         spine_mu, spine_gamma: the same of spine nodes, shape (R,).
         image_load: stiffness of the image's force, by unit of the contour's length and of s, shape (K,), on the host.
@@ -127,7 +128,8 @@ class Model:
         self.ring_first, self.spine_first, self.look_first = (ints(np.zeros(self.rings)) for _ in range(3))
         self.ring_last, self.spine_last, self.look_last = (ints(ns_of - 1) for _ in range(3))
         self.shaped, self.torn = False, False
-        self.k1, self.ring_hold = (wp.zeros(self.rings, dtype=float, device=device) for _ in range(2))
+        self.edge_hold = wp.zeros(self.nodes, dtype=float, device=device)
+        self.k1, self.ring_slack = (wp.zeros(self.rings, dtype=float, device=device) for _ in range(2))
         self.mu, self.spine_mu = (wp.zeros(n, dtype=float, device=device) for n in (self.nodes, self.rings))
         self.gamma, self.spine_gamma = (wp.ones(n, dtype=float, device=device) for n in (self.nodes, self.rings))
         self.image_load = np.zeros(self.tubes)

@@ -209,21 +209,23 @@ def test_depth_is_held_along_the_line_of_sight(camera):
 
 
 @pytest.mark.parametrize("gap", [None, 4])
-def test_rings_keep_their_shares_of_the_meridians(gap):
-    """Minus the gradient, per hx hs, of sum hold/2 (g - its share of all g)^2 over mean gaps g, in each piece by itself."""
-    hold = RNG.uniform(0.5, 2, NS)
+def test_nodes_keep_their_shares_of_the_meridians(gap):
+    """Minus the gradient, per hx hs, of the mean of sum hold/2 (e - its share of the mean meridian)^2, in each piece."""
+    hold = RNG.uniform(0.5, 2, (NS, NX))
+    slack = (1 / hold).mean(axis=1)
     first, last = np.zeros(NS, int), np.full(NS, NS - 1)
     pieces = [(0, NS - 1)] if gap is None else [(0, gap), (gap + 1, NS - 1)]
     for a, b in pieces:
         first[a : b + 1], last[a : b + 1] = a, b
-    force, spine_force = Rig((TUBE, SPINE), ring_hold=hold, ring_first=first, ring_last=last).forces()
+    springs = {"edge_hold": hold.ravel(), "ring_slack": slack, "ring_first": first, "ring_last": last}
+    force, spine_force = Rig((TUBE, SPINE), **springs).forces()
 
     def energy(v):
         total = 0.0
         for a, b in pieces:
-            gaps = np.linalg.norm(np.diff(v[a : b + 1], axis=0), axis=2).mean(axis=1)
-            share = (1 / hold[a:b]) / (1 / hold[a:b]).sum()
-            total += (hold[a:b] / 2 * (gaps - share * gaps.sum()) ** 2).sum()
+            edges = np.linalg.norm(np.diff(v[a : b + 1], axis=0), axis=2)
+            rest = 1 / hold[a:b] / slack[a:b].sum() * edges.mean(axis=1).sum()
+            total += (hold[a:b] / 2 * (edges - rest) ** 2).sum(axis=0).mean()
         return total
 
     np.testing.assert_allclose(force, -NX * (NS - 1) * reference.gradient(energy, TUBE), atol=1e-4)
