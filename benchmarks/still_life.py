@@ -79,17 +79,23 @@ def seen_contour_error(silhouette: np.ndarray, life: StillLife) -> float:
     return float(truth.to_segments(true[seen], ours).mean()) if len(ours) else np.inf
 
 
-def beside_alone(lives: Sequence[StillLife], scores: Sequence[Score]) -> list[str]:
-    """Medians of the front object's errors, of those in the same picture without the other, and of their ratios."""
-    alone = []
-    for life in lives:
-        (o,) = reconstruct([View(life.lone)], [Tube(life.front.clicks)]).objects
-        alone.append(truth.compare(o.vertices, o.faces, life.front))
-    pairs = [
-        ([s.front_contour for s in scores], [e.contour for e in alone]),
-        ([s.front_surface for s in scores], [e.surface for e in alone]),
-    ]
-    return [f"{np.median(v):.3f}" for with_, own in pairs for v in (with_, own, np.divide(with_, own))]
+def beside_alone(lives: Sequence[StillLife], scores: Sequence[Score]) -> list[list[str]]:
+    """Medians of the front object's errors, of those of its tube alone, and of their ratios.
+
+    A row for that picture, and one for the same without the other object.
+    """
+    rows = []
+    for name, what in (("image", "its tube alone"), ("lone", "the other object taken away")):
+        alone = []
+        for life in lives:
+            (o,) = reconstruct([View(getattr(life, name))], [Tube(life.front.clicks)]).objects
+            alone.append(truth.compare(o.vertices, o.faces, life.front))
+        pairs = [
+            ([s.front_contour for s in scores], [e.contour for e in alone]),
+            ([s.front_surface for s in scores], [e.surface for e in alone]),
+        ]
+        rows.append([what, *(f"{np.median(v):.3f}" for with_, own in pairs for v in (with_, own, np.divide(with_, own)))])
+    return rows
 
 
 def order(lives: Sequence[StillLife]) -> list[str]:
@@ -111,7 +117,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = parser.parse_args(arguments)
     start_quietly()
     text, orders = [], [["", "n", "right", "does not know", "wrong"]]
-    fronts = [["front object, medians", "contour, px", "alone", "ratio", "3D, %", "alone", "ratio"]]
+    fronts = [["front object, medians", "beside", "contour, px", "alone", "ratio", "3D, %", "alone", "ratio"]]
     lots = {
         "A pear behind a potato": {"kinds": ("egg", "pear")},
         "Any solid behind any that is roundish": {},
@@ -140,8 +146,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 trusted = f"{sum(s.trusted for s in scores)} of {len(scores)}" if pick else ""
                 rows.append([f"{way}, {what}", *(f"{v:.3f}" for v in values), trusted])
         text.append((title, rows))
-        fronts.append([title, *beside_alone(lives, tables["with visibility"])])
-    text.append(("The front object beside what it reaches in the same picture alone", fronts))
+        fronts += [[title, *row] for row in beside_alone(lives, tables["with visibility"])]
+    text.append(("The front object beside what it reaches alone", fronts))
     text.append(("Depth order, where it is left to be found", orders))
     for markdown in (False, True):
         report = "\n\n".join(f"{'### ' * markdown}{title}\n\n{as_text(rows, markdown)}" for title, rows in text)

@@ -104,7 +104,7 @@ def map_agreement(
     if hidden is not None:
         seen = ~hidden.near(points, 0.5 * map_.step)
     if others is not None:
-        own = mask | ~ndimage.binary_dilation(others.at(points))
+        own = mask | np.logical_not(ndimage.binary_dilation(others.at(points)))
         object_ = object_ & own
     apart = sum(np.sum(a & np.logical_not(ndimage.binary_dilation(b)) & seen) for a, b in ((mask, object_), (object_, mask)))
     sure = (map_.inside > SURE) & seen

@@ -193,7 +193,7 @@ class Look:
             return
         self.wakes += done
         for part, changed in zip(self.parts, self.visibility.refresh([p.scene for p in self.parts]), strict=True):
-            if not part.diverged and any(hidden is not None for views in part.scene.hidden for hidden in views) | changed:
+            if changed is not None and not part.diverged:
                 part.see_again(changed)
 
 

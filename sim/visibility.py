@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import warp as wp
+from scipy.sparse.csgraph import connected_components
 
 from ..kernels import rays
 from .assembly import Assembly
@@ -21,6 +22,8 @@ FAR = 1.2
 """Between rings of one tube, in sums of their radii along the spine: nearer than that they are neighbours, no overlap."""
 SPAN = 256.0
 """Depths among which rays are cast, whatever the view's own [px]."""
+STILL = 0.2
+"""Pixels by which a tube must have moved to be looked at anew."""
 CHANGED = 0.01
 """Share of an object's hidden pixels by which they must change to count as much."""
 
@@ -120,48 +123,76 @@ class Visibility:
 
     def __init__(self, depth_pass: Pass | None = None):
         self.depth_pass = depth_pass or cast_rays
+        # view and tube: with which others it was drawn, and where
+        self._drawn: dict[tuple[int, int], tuple[tuple[int, ...], np.ndarray]] = {}
 
-    def refresh(self, scenes: Sequence[Assembly]) -> list[bool]:
-        """Writes `Assembly.hidden` of every tube in every view; whether any of it changed much, for each assembly."""
+    def refresh(self, scenes: Sequence[Assembly]) -> list[bool | None]:
+        """Writes `Assembly.hidden` of every tube in every view that has moved since last time, or another about it.
+
+        Returns:
+            for each assembly None if nothing changed, else whether anything did by much.
+        """
         where = [(number, k) for number, scene in enumerate(scenes) for k in range(len(scene.tubes))]
-        changed = [False] * len(scenes)
+        changed: list[bool | None] = [None] * len(scenes)
         worlds = [scenes[number].world(k)[0] for number, k in where]
         for v, view in enumerate(scenes[0].views if scenes else ()):
-            found = self._view(view.camera, view.image.shape[:2], worlds)
-            for (number, k), hidden in zip(where, found, strict=True):
+            for i, hidden in self._view(v, view.camera, view.image.shape[:2], worlds).items():
+                number, k = where[i]
                 own = scenes[number].hidden[k]
-                changed[number] |= _differ(own[v], hidden)
+                much = _differ(own[v], hidden)
+                if much is not None:
+                    changed[number] = bool(changed[number]) or much
                 own[v] = hidden
         return changed
 
-    def _view(self, camera: Camera, shape: tuple[int, ...], tubes: list[np.ndarray]) -> list[Hidden | None]:
-        flat, centres = [], []
+    def _view(self, v: int, camera: Camera, shape: tuple[int, ...], tubes: list[np.ndarray]) -> dict[int, Hidden | None]:
+        """What hides those tubes for which it may have changed, by their numbers."""
+        flat, margins = [], []
         for tube in tubes:
-            own = seen(camera, tube)
-            centre = seen(camera, tube.mean(axis=0))
-            own[..., 2] = centre[:, 2]
+            own, centre = seen(camera, tube), tube.mean(axis=0)
+            own[..., 2] = seen(camera, centre)[:, 2]
             flat.append(own)
-            centres.append(centre)
+            # a length at the tube's distance, as depth is measured
+            unit = 1.0 if camera.affine else own[..., 2].mean() ** 2
+            margins.append(AHEAD * unit * np.linalg.norm(np.diff(centre, axis=0), axis=1).sum())
         boxes = np.array([[f[..., :2].min((0, 1)) - ROOM, f[..., :2].max((0, 1)) + ROOM] for f in flat])
-        found: list[Hidden | None] = [None] * len(tubes)
-        shared = {}
-        for k, (low, high) in enumerate(boxes):
-            both = np.stack([np.maximum(boxes[:, 0], low), np.minimum(boxes[:, 1], high)], axis=1)
-            meet = np.all(both[:, 0] < both[:, 1], axis=1) & (np.arange(len(boxes)) != k)
-            if meet.any():
-                shared[k] = both[meet, 0].min(axis=0), both[meet, 1].max(axis=0)
-        if shared:
-            involved, size = list(shared), np.array(shape[1::-1])
-            first = np.clip(np.floor(np.min([low for low, _ in shared.values()], axis=0)), 0, size - 1).astype(int)
-            last = np.clip(np.ceil(np.max([high for _, high in shared.values()], axis=0)), first, size - 1).astype(int)
-            meshes = [(flat[k].reshape(-1, 3) - [*first, 0], _grid_faces(*flat[k].shape[:2])) for k in involved]
-            depth, owner = self.depth_pass(meshes, (int(last[1] - first[1] + 1), int(last[0] - first[0] + 1)))
-            length = {k: np.linalg.norm(np.diff(centres[k], axis=0), axis=1).sum() for k in involved}
-            for number, k in enumerate(involved):
-                found[k] = _behind(depth, owner, number, centres[k], boxes[k] - first, first, AHEAD * length[k])
-        for k, tube in enumerate(flat):
-            found[k] = _with_own(found[k], tube, shape)
+        meets = np.array([np.all((boxes[:, 0] < high) & (low < boxes[:, 1]), axis=1) for low, high in boxes])
+        _, group = connected_components(meets, directed=False)
+        found: dict[int, Hidden | None] = {}
+        for members in (np.flatnonzero(group == g) for g in np.unique(group)):
+            key = tuple(members.tolist())
+            if all(self._as_drawn(v, k, key, flat[k], margins[k]) for k in key):
+                continue
+            self._drawn.update({(v, k): (key, flat[k]) for k in key})
+            behind = [None]
+            if len(key) > 1:
+                own = [flat[k] for k in key], [margins[k] for k in key]
+                behind = self._group(*own, boxes[members], meets[np.ix_(members, members)], shape)
+            found |= {k: _with_own(hidden, flat[k], shape) for k, hidden in zip(key, behind, strict=True)}
         return found
+
+    def _as_drawn(self, v: int, k: int, key: tuple[int, ...], flat: np.ndarray, margin: float) -> bool:
+        """Whether a tube has been looked at with the same others where it is now."""
+        before, where = self._drawn.get((v, k), ((), flat))
+        way = np.abs(where - flat).max(axis=(0, 1))
+        return before == key and bool(way[:2].max() < STILL and way[2] < margin)
+
+    def _group(
+        self, flat: list[np.ndarray], margins: list[float], boxes: np.ndarray, meets: np.ndarray, shape: tuple[int, ...]
+    ) -> list[Hidden | None]:
+        """What hides each of several tubes as seen whose boxes (K, 2, 2) meet, (K, K), in an image of that shape."""
+        alone = np.eye(len(flat), dtype=bool)
+        shared = [
+            (np.maximum(boxes[m, 0], low).min(axis=0), np.minimum(boxes[m, 1], high).max(axis=0))
+            for (low, high), m in zip(boxes, meets & ~alone, strict=True)
+        ]
+        size = np.array(shape[1::-1])
+        first = np.clip(np.floor(np.min([low for low, _ in shared], axis=0)), 0, size - 1).astype(int)
+        last = np.clip(np.ceil(np.max([high for _, high in shared], axis=0)), first, size - 1).astype(int)
+        meshes = [(own.reshape(-1, 3) - [*first, 0], _grid_faces(*own.shape[:2])) for own in flat]
+        depth, owner = self.depth_pass(meshes, (int(last[1] - first[1] + 1), int(last[0] - first[0] + 1)))
+        each = zip(flat, boxes - first, margins, strict=True)
+        return [_behind(depth, owner, k, own.mean(axis=0), box, first, margin) for k, (own, box, margin) in enumerate(each)]
 
 
 def note_others(scenes: Sequence[Assembly]) -> None:
@@ -199,7 +230,7 @@ def _behind(
     left, top = np.clip(np.floor(box[0]), 0, [width, height]).astype(int)
     right, bottom = np.clip(np.ceil(box[1]) + 1, 0, [width, height]).astype(int)
     part = slice(top, bottom), slice(left, right)
-    other = (owner[part] >= 0) & (owner[part] != number)
+    other = (owner[part] >= 0) & (owner[part] != number) & (depth[part] < centre[:, 2].max() - margin)
     if not other.any():
         return None
     rows, columns = np.nonzero(other)
@@ -236,17 +267,20 @@ def _with_own(found: Hidden | None, tube: np.ndarray, shape: tuple[int, ...]) ->
     return Hidden(mask, (int(low[0]), int(low[1])))
 
 
-def _differ(a: Hidden | None, b: Hidden | None) -> bool:
-    """Whether two looks differ where both looked; how far they look goes with the tube."""
+def _differ(a: Hidden | None, b: Hidden | None) -> bool | None:
+    """Whether two looks differ much where both looked, None for not at all; how far they look goes with the tube."""
     if a is None or b is None:
-        return a is not b
+        return True if a is not b else None
     low, high = np.maximum(a.corner, b.corner), np.minimum(*(np.add(h.corner, h.mask.shape[::-1]) for h in (a, b)))
     one, two = (
         h.mask[tuple(slice(max(lo - c, 0), max(hi - c, 0)) for lo, hi, c in zip(low, high, h.corner, strict=True))[::-1]]
         for h in (a, b)
     )
     far = one.size < 0.5 * min(a.mask.size, b.mask.size)
-    return bool(far or np.logical_xor(one, two).sum() > CHANGED * max(one.sum(), two.sum()))
+    apart = np.logical_xor(one, two).sum()
+    if not apart and one.sum() == a.mask.sum() and two.sum() == b.mask.sum():
+        return None
+    return bool(far or apart > CHANGED * max(one.sum(), two.sum()))
 
 
 def _grid_faces(around: int, along: int) -> np.ndarray:

@@ -182,9 +182,9 @@ def tube(line: np.ndarray, radius: float, nx: int = 12) -> np.ndarray:
 class Scene:
     """What `Visibility` asks of an assembly."""
 
-    def __init__(self, nodes: np.ndarray):
+    def __init__(self, nodes: np.ndarray, eye: Camera | None = None):
         class View:
-            camera, image = Camera.orthographic(), np.zeros((200, 200))
+            camera, image = eye or Camera.orthographic(), np.zeros((200, 200))
 
         self.views, self.tubes, self.nodes = [View()], [None], nodes
         self.hidden: list[list[Hidden | None]] = [[None]]
@@ -193,7 +193,7 @@ class Scene:
         return self.nodes, self.nodes.mean(axis=0)
 
 
-def refresh(visibility: Visibility, scenes: list[Any]) -> list[bool]:
+def refresh(visibility: Visibility, scenes: list[Any]) -> list[bool | None]:
     return visibility.refresh(scenes)
 
 
@@ -210,7 +210,7 @@ def test_who_hides_whom(draw, way):
     """By the depth of the spines, though the tubes run through each other; only where both are; equal depths hide none."""
     visibility = Visibility(draw if way == "depth" else None)
     front, back = upright(100, 0.0), level(80, 5.0)
-    assert refresh(visibility, [front, back]) == [False, True]
+    assert refresh(visibility, [front, back]) == [None, True]
     assert front.hidden[0][0] is None
     hidden = back.hidden[0][0]
     assert hidden is not None
@@ -218,12 +218,55 @@ def test_who_hides_whom(draw, way):
     mask = hidden.at(np.stack([columns, rows], axis=-1))
     crossing = (np.abs(columns - 100) <= 13) & (np.abs(rows - 80) <= 13)
     assert mask[crossing].all() and not mask[(np.abs(columns - 100) > 16) | (np.abs(rows - 80) > 18)].any()
-    assert refresh(visibility, [front, back]) == [False, False]
+    assert refresh(visibility, [front, back]) == [None, None]
     back.nodes = back.nodes + np.array([0, 40.0, 0])
-    assert refresh(visibility, [front, back]) == [False, True]
+    assert refresh(visibility, [front, back]) == [None, True]
     back.nodes = back.nodes - np.array([0, 0, 5.0])
-    assert refresh(visibility, [front, back]) == [False, True]
+    assert refresh(visibility, [front, back]) == [None, True]
     assert back.hidden[0][0] is None and front.hidden[0][0] is None
+
+
+@pytest.mark.parametrize("unit", [1.0, 0.01])
+@pytest.mark.parametrize("affine", [True, False])
+def test_who_hides_whom_in_any_units(affine, unit):
+    """Tubes in world units of any size, seen along the axis or from nearby: the same as in pixels."""
+    if affine:
+        camera = Camera(np.array([[1 / unit, 0, 0, 0], [0, 1 / unit, 0, 0], [0, 0, 0, 1.0]]))
+    else:
+        k = np.array([[300.0, 0, 100], [0, 300, 100], [0, 0, 1]])
+        camera = Camera.perspective(k, np.eye(3), unit * np.array([-100.0, -100, 300]))
+    front, back = (Scene(unit * scene.nodes, camera) for scene in (upright(100, 0.0), level(80, 5.0)))
+    assert refresh(Visibility(None), [front, back]) == [None, True]
+    hidden = back.hidden[0][0]
+    assert hidden is not None and front.hidden[0][0] is None
+    assert hidden.at(np.array([100, 80])) and hidden.mask.sum() == pytest.approx(30 * 35, rel=0.1)
+    back.nodes = back.nodes - unit * np.array([0, 0, 4.999])
+    assert refresh(Visibility(None), [front, back]) == [None, True]
+    assert back.hidden[0][0] is None
+
+
+def test_what_stands_still_is_not_drawn_again():
+    """Two crossings far apart: one moves, then so much that it meets the other."""
+    drawn: list[int] = []
+
+    def counted(meshes, shape):
+        drawn.append(len(meshes))
+        return cast_rays(meshes, shape)
+
+    visibility = Visibility(counted)
+    scenes: list[Any] = [upright(30, 0.0), level(40, 5.0), upright(150, 0.0), level(160, 5.0)]
+    for scene, (low, high) in zip(scenes, [(20, 60), (10, 50), (140, 180), (130, 170)], strict=True):
+        axis = 1 if np.ptp(scene.nodes[..., 1]) > np.ptp(scene.nodes[..., 0]) else 0
+        scene.nodes = scene.nodes.copy()
+        scene.nodes[..., axis] = np.interp(scene.nodes[..., axis], (20, 180), (low, high))
+    assert refresh(visibility, scenes) == [None, True, None, True] and drawn == [2, 2]
+    assert refresh(visibility, scenes) == [None] * 4 and drawn == [2, 2]
+    scenes[0].nodes = scenes[0].nodes + np.array([3.0, 0, 0])
+    assert refresh(visibility, scenes) == [None, True, None, None] and drawn == [2, 2, 2]
+    scenes[0].nodes = scenes[0].nodes + np.array([106.0, 0, 0])
+    scenes[0].nodes[..., 1] += 100
+    assert refresh(visibility, scenes) == [None, True, None, True] and drawn == [2, 2, 2, 3]
+    assert scenes[1].hidden[0][0] is None
 
 
 def test_nothing_is_drawn_where_nothing_meets():
@@ -231,7 +274,7 @@ def test_nothing_is_drawn_where_nothing_meets():
         raise AssertionError("drawn for nothing")
 
     visibility = Visibility(refused)
-    assert refresh(visibility, [upright(40, 0.0), upright(120, 3.0)]) == [False, False]
+    assert refresh(visibility, [upright(40, 0.0), upright(120, 3.0)]) == [None, None]
 
 
 def test_what_changes_little_is_taken_in_and_not_told():
@@ -242,7 +285,7 @@ def test_what_changes_little_is_taken_in_and_not_told():
     told = []
     for _ in range(20):
         back.nodes = back.nodes + np.array([0, 0.1, 0])
-        told.append(refresh(visibility, [front, back])[1])
+        told.append(bool(refresh(visibility, [front, back])[1]))
     assert sum(told) < 5  # those where the mask of whole pixels has gone on by a row
     hidden = back.hidden[0][0]
     assert hidden is not None
@@ -279,7 +322,7 @@ def test_before_itself():
     rows, columns = np.mgrid[:200, :200]
     mask = hidden.at(np.stack([columns, rows], axis=-1))
     assert not mask[np.hypot(columns - 100, rows - 100) > 25].any()
-    assert refresh(Visibility(None), [upright(100, 0.0)]) == [False]
+    assert refresh(Visibility(None), [upright(100, 0.0)]) == [None]
 
 
 def test_beta_of_a_half_plane():
