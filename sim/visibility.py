@@ -47,16 +47,20 @@ def seen(camera: Camera, points: np.ndarray) -> np.ndarray:
 
 
 def cast_rays(
-    meshes: Sequence[tuple[np.ndarray, np.ndarray]], shape: tuple[int, int], device: str = "cpu"
+    meshes: Sequence[tuple[np.ndarray, np.ndarray]],
+    shape: tuple[int, int],
+    where: np.ndarray | None = None,
+    device: str = "cpu",
 ) -> tuple[np.ndarray, np.ndarray]:
-    """A depth pass (`Pass`) by one ray a pixel through Warp's tree of the triangles."""
+    """A depth pass (`Pass`) by a ray a pixel through Warp's tree of triangles; `where`, (H, W), bool, if given."""
     mesh, first, (nearest, unit) = _merged(meshes, device)
-    columns, rows = np.meshgrid(np.arange(shape[1]), np.arange(shape[0]))
-    start = np.stack([columns, rows, np.full(shape, -1.0)], axis=-1).reshape(-1, 3)
-    distance, face = _cast(mesh, start, 1.0)
-    owner = np.where(face < 0, -1, np.searchsorted(first, face, side="right") - 1)
-    depth = np.where(face < 0, np.inf, nearest + (distance.astype(float) - 1) * unit)
-    return depth.reshape(shape), owner.reshape(shape)
+    rows, columns = np.nonzero(np.ones(shape, bool) if where is None else where)
+    distance, face = _cast(mesh, np.stack([columns, rows, np.full(len(rows), -1.0)], axis=-1), 1.0)
+    hit = face >= 0
+    depth, owner = np.full(shape, np.inf), np.full(shape, -1)
+    owner[rows[hit], columns[hit]] = np.searchsorted(first, face[hit], side="right") - 1
+    depth[rows[hit], columns[hit]] = nearest + (distance[hit].astype(float) - 1) * unit
+    return depth, owner
 
 
 def hidden_by_rays(
@@ -122,7 +126,7 @@ class Visibility:
     """
 
     def __init__(self, depth_pass: Pass | None = None):
-        self.depth_pass = depth_pass or cast_rays
+        self.depth_pass = depth_pass
         # view and tube: with which others it was drawn, and where
         self._drawn: dict[tuple[int, int], tuple[tuple[int, ...], np.ndarray]] = {}
 
@@ -181,16 +185,24 @@ class Visibility:
         self, flat: list[np.ndarray], margins: list[float], boxes: np.ndarray, meets: np.ndarray, shape: tuple[int, ...]
     ) -> list[Hidden | None]:
         """What hides each of several tubes as seen whose boxes (K, 2, 2) meet, (K, K), in an image of that shape."""
-        alone = np.eye(len(flat), dtype=bool)
-        shared = [
-            (np.maximum(boxes[m, 0], low).min(axis=0), np.minimum(boxes[m, 1], high).max(axis=0))
-            for (low, high), m in zip(boxes, meets & ~alone, strict=True)
-        ]
+        near, far = (np.array([f(own[..., 2]) for own in flat]) for f in (np.min, np.max))
+        # first of a pair may lie in front of second somewhere
+        pairs = np.argwhere(meets & (near[:, None] < far - margins))
+        if not len(pairs):
+            return [None] * len(flat)
         size = np.array(shape[1::-1])
-        first = np.clip(np.floor(np.min([low for low, _ in shared], axis=0)), 0, size - 1).astype(int)
-        last = np.clip(np.ceil(np.max([high for _, high in shared], axis=0)), first, size - 1).astype(int)
+        shared = np.stack([boxes[pairs, 0].max(axis=1), boxes[pairs, 1].min(axis=1)], axis=1)
+        first = np.clip(np.floor(shared[:, 0].min(axis=0)), 0, size - 1).astype(int)
+        last = np.clip(np.ceil(shared[:, 1].max(axis=0)), first, size - 1).astype(int)
         meshes = [(own.reshape(-1, 3) - [*first, 0], _grid_faces(*own.shape[:2])) for own in flat]
-        depth, owner = self.depth_pass(meshes, (int(last[1] - first[1] + 1), int(last[0] - first[0] + 1)))
+        height, width = int(last[1] - first[1] + 1), int(last[0] - first[0] + 1)
+        if self.depth_pass:
+            depth, owner = self.depth_pass(meshes, (height, width))
+        else:
+            where = np.zeros((height, width), bool)
+            for low, high in (shared - first).astype(int):
+                where[max(low[1], 0) : high[1] + 2, max(low[0], 0) : high[0] + 2] = True
+            depth, owner = cast_rays(meshes, (height, width), where)
         each = zip(flat, boxes - first, margins, strict=True)
         return [_behind(depth, owner, k, own.mean(axis=0), box, first, margin) for k, (own, box, margin) in enumerate(each)]
 
