@@ -237,10 +237,69 @@ def segment(
             scatter(force, b, t * f)
 
 
+@wp.func
+def cell_force(
+    eye: projection.Eye,
+    field: image.Field,
+    samples: wp.array[wp.vec4],
+    tube: wp.array[wp.vec3],
+    normal: wp.array[wp.vec3],
+    facing: wp.array[float],
+    start: int,
+    x: int,
+    n: int,
+    s: int,
+    first: int,
+    last: int,
+    density: wp.mat33,
+    literal: int,
+    force: wp.array[wp.vec3],
+):
+    """Adds the force of the contour in the cell of node x of the ring at `start`, the next one, and the ring above."""
+    i = start + x
+    i10 = start + elastic.wrap(x + 1, n)
+    g00 = facing[i] >= 0.0
+    g10 = facing[i10] >= 0.0
+    g01 = facing[i + n] >= 0.0
+    g11 = facing[i10 + n] >= 0.0
+    bottom = Crossing()
+    top = Crossing()
+    left = Crossing()
+    right = Crossing()
+    if g00 != g10:
+        bottom = along_ring(tube, normal, facing, start, x, n)
+    if g01 != g11:
+        top = along_ring(tube, normal, facing, start + n, x, n)
+    if g00 != g01:
+        left = along_meridian(tube, normal, facing, i, n, s, first, last)
+    if g10 != g11:
+        right = along_meridian(tube, normal, facing, i10, n, s, first, last)
+    if g00 != g10 and g01 != g11 and g00 != g01:
+        # a saddle: the sign at the cell's middle says which corners are cut off
+        middle = facing[i] + facing[i10] + facing[i + n] + facing[i10 + n] >= 0.0
+        if middle == g00:
+            segment(eye, field, samples, bottom, right, density, literal, force)
+            segment(eye, field, samples, top, left, density, literal, force)
+        else:
+            segment(eye, field, samples, bottom, left, density, literal, force)
+            segment(eye, field, samples, top, right, density, literal, force)
+    elif g00 != g10 and g01 != g11:
+        segment(eye, field, samples, bottom, top, density, literal, force)
+    elif g00 != g01 and g10 != g11:
+        segment(eye, field, samples, left, right, density, literal, force)
+    elif g00 != g10 and g00 != g01:
+        segment(eye, field, samples, bottom, left, density, literal, force)
+    elif g00 != g10:
+        segment(eye, field, samples, bottom, right, density, literal, force)
+    elif g00 != g01:
+        segment(eye, field, samples, left, top, density, literal, force)
+    else:
+        segment(eye, field, samples, top, right, density, literal, force)
+
+
 @wp.kernel(enable_backward=False)
 def contour_force(
     # model
-    node_ring: wp.array[int],
     ring_tube: wp.array[int],
     ring_node: wp.array[int],
     ring_s: wp.array[int],
@@ -262,9 +321,8 @@ def contour_force(
     # out
     force_out: wp.array[wp.vec3],
 ):
-    """Adds the image force (11) on the sub-node contour: the cell's pieces of i.n = 0, weighted by their length."""
-    i = wp.tid()
-    r = node_ring[i]
+    """Adds the image force (11) on the sub-node contour: the cells' pieces of i.n = 0, weighted by their length."""
+    r = wp.tid()
     k = ring_tube[r]
     n = tube_nx[k]
     ns = tube_ns[k]
@@ -278,51 +336,20 @@ def contour_force(
             return
     first = ring_first[r + 1]
     last = ring_last[r]
-    x = i - start
-    i10 = start + elastic.wrap(x + 1, n)
-    g00 = facing_in[i] >= 0.0
-    g10 = facing_in[i10] >= 0.0
-    g01 = facing_in[i + n] >= 0.0
-    g11 = facing_in[i10 + n] >= 0.0
-    if g00 == g10 and g00 == g01 and g00 == g11:
-        return
     # a line load along s as a load per hx hs
     density = float(n) * float(ns - 1) * spread[r]
-    eye = eyes[view]
-    field = fields[k]
-    bottom = Crossing()
-    top = Crossing()
-    left = Crossing()
-    right = Crossing()
-    if g00 != g10:
-        bottom = along_ring(tube_in, normal_in, facing_in, start, x, n)
-    if g01 != g11:
-        top = along_ring(tube_in, normal_in, facing_in, start + n, x, n)
-    if g00 != g01:
-        left = along_meridian(tube_in, normal_in, facing_in, i, n, s, first, last)
-    if g10 != g11:
-        right = along_meridian(tube_in, normal_in, facing_in, i10, n, s, first, last)
-    if g00 != g10 and g01 != g11 and g00 != g01:
-        # a saddle: the sign at the cell's middle says which corners are cut off
-        middle = facing_in[i] + facing_in[i10] + facing_in[i + n] + facing_in[i10 + n] >= 0.0
-        if middle == g00:
-            segment(eye, field, samples, bottom, right, density, literal, force_out)
-            segment(eye, field, samples, top, left, density, literal, force_out)
-        else:
-            segment(eye, field, samples, bottom, left, density, literal, force_out)
-            segment(eye, field, samples, top, right, density, literal, force_out)
-    elif g00 != g10 and g01 != g11:
-        segment(eye, field, samples, bottom, top, density, literal, force_out)
-    elif g00 != g01 and g10 != g11:
-        segment(eye, field, samples, left, right, density, literal, force_out)
-    elif g00 != g10 and g00 != g01:
-        segment(eye, field, samples, bottom, left, density, literal, force_out)
-    elif g00 != g10:
-        segment(eye, field, samples, bottom, right, density, literal, force_out)
-    elif g00 != g01:
-        segment(eye, field, samples, left, top, density, literal, force_out)
-    else:
-        segment(eye, field, samples, top, right, density, literal, force_out)
+    low = facing_in[start] >= 0.0
+    high = facing_in[start + n] >= 0.0
+    for x in range(n):
+        here_low = low
+        here_high = high
+        low = facing_in[start + elastic.wrap(x + 1, n)] >= 0.0
+        high = facing_in[start + n + elastic.wrap(x + 1, n)] >= 0.0
+        if here_low != low or here_low != here_high or here_low != high:
+            cell_force(
+                eyes[view], fields[k], samples, tube_in, normal_in, facing_in, start, x, n, s, first, last,
+                density, literal, force_out,
+            )  # fmt: skip
 
 
 @wp.kernel(enable_backward=False)

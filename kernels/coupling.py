@@ -226,6 +226,8 @@ def tube_force(
     gap_in: wp.array[float],
     tangent_in: wp.array[wp.vec3],
     tension_in: wp.array[float],
+    # scalars
+    twisted: int,
     # out
     force_out: wp.array[wp.vec3],
 ):
@@ -269,10 +271,6 @@ def tube_force(
     held_behind = float(0.0)
     if s > 0:
         held_behind = tension_in[r - 1]
-    twisted = bool(False)
-    for i in range(start, start + n):
-        if w11[i] != 0.0 or w11[i - n * wp.min(s, 1)] != 0.0:
-            twisted = True
     t1 = 1.0 / (hx * hx)
     t2 = t1 * t1
     # as `elastic.ring_force`, but each edge's pull and each node's moment is carried on to the nodes that share it
@@ -302,7 +300,7 @@ def tube_force(
             f += before * centre_pole(v, tube_in[i - n], gap_in[r - 1])
         if after != 0.0:
             f += after * centre_pole(v, tube_in[i + n], gap_in[r])
-        if twisted:
+        if twisted != 0:
             f += elastic.twist_force(tube_in, w11, start, x, n, s, ns, hx, hs)
         force_out[i] = f
         v = ahead

@@ -40,6 +40,7 @@ def add_forces(model: Model, state: State, contour_kind: str, literal: bool, tau
         inputs=[
             *ring, m.ring_closed, m.w10, m.w20, m.w11, m.w01, m.w02, m.coupling, m.depth_rest, m.edge_hold, m.eyes,
             s.tube, s.spine, s.centroid, s.radius, s.gap, s.tangent, s.held,
+            int(m.twisted),
         ],
         outputs=[s.force],
         device=m.device,
@@ -133,8 +134,8 @@ def add_forces(model: Model, state: State, contour_kind: str, literal: bool, tau
         else:
             wp.launch(
                 contour.contour_force,
-                m.nodes,
-                inputs=[m.node_ring, *ring, m.ring_first, m.ring_last, *pictures],
+                m.rings,
+                inputs=[*ring, m.ring_first, m.ring_last, *pictures],
                 outputs=[s.force],
                 device=m.device,
             )

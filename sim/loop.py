@@ -59,7 +59,7 @@ class Loop:
     def _forms(self) -> tuple:
         """What a graph has frozen of model and solver."""
         m = self.scene.model
-        return m.shaped, m.torn, len(m.samples), self.scene.springs.form, *self.solver.form
+        return m.shaped, m.torn, m.twisted, len(m.samples), self.scene.springs.form, *self.solver.form
 
     def hold_springs(self, iteration: int) -> None:
         """Lets springs take hold and let go, and the scheme take them implicitly."""

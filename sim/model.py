@@ -59,7 +59,7 @@ class Model:
             before a discontinuity, shape (R,).
         look_first, look_last: how far a ring's tangent looks: across creases of the spine, so that rings go over from one
             side to the other little by little, but not across gaps, shape (R,).
-        shaped, torn: whether any tube has natural lengths or curvatures, and whether any has a gap.
+        shaped, torn, twisted: whether any tube has natural lengths or curvatures, a gap, or a weight w11.
         ring_far: importance for a ring's tangent of the j-th segment of the spine either way, shape (R, WINDOW).
         k1: tension factor K1 of the spine's edges, shape (R,).
         edge_hold, ring_slack: stiffness of the springs that keep nodes' shares of the way to the next ring, 0 for none,
@@ -127,7 +127,7 @@ class Model:
         self.spine_curvature = wp.zeros(self.rings, dtype=wp.vec2, device=device)
         self.ring_first, self.spine_first, self.look_first = (ints(np.zeros(self.rings)) for _ in range(3))
         self.ring_last, self.spine_last, self.look_last = (ints(ns_of - 1) for _ in range(3))
-        self.shaped, self.torn = False, False
+        self.shaped, self.torn, self.twisted = False, False, True
         self.edge_hold = wp.zeros(self.nodes, dtype=float, device=device)
         self.k1, self.ring_slack = (wp.zeros(self.rings, dtype=float, device=device) for _ in range(2))
         self.mu, self.spine_mu = (wp.zeros(n, dtype=float, device=device) for n in (self.nodes, self.rings))

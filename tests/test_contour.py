@@ -189,7 +189,7 @@ def test_every_case_of_a_cell_is_drawn(strong):
     r.state.normal.assign(np.tile(np.array([0, 0, -1], np.float32), (ns * nx, 1)))
     r.state.facing.assign(facing.ravel().astype(np.float32))
     r.state.force.zero_()
-    r.launch(contour.contour_force, ns * nx, view=0, literal=1, fields=r.model.fields[:, 0])
+    r.launch(contour.contour_force, ns, view=0, literal=1, fields=r.model.fields[:, 0])
     lines = measure.find_contours(facing, 0.0, fully_connected="high" if strong > 0 else "low")
     length = sum(np.linalg.norm(np.diff(line, axis=0), axis=1).sum() for line in lines)
     total = r.state.force.numpy().astype(float).sum(0) / (nx * (ns - 1))
