@@ -253,7 +253,7 @@ def _entries(drawings: Sequence[Drawing]) -> list[tuple[str, Colour, float, bool
                 any(len(d.contour) for d in drawings),
                 ("contour, supported by the image", colour, 1.6, False),
             ),
-            (behind, ("contour, hidden by another object", colour, 1.0, True)),
+            (behind, ("contour, hidden", colour, 1.0, True)),
             (loose, ("contour, unsupported", UNSUPPORTED, 1.6, True)),
             (any(len(d.wire) for d in drawings), ("model", WIRE, 0.7, False)),
             (any(d.spine_first is not None and not d.line for d in drawings), ("axis given", SPINE_FIRST, 0.9, True)),

@@ -70,7 +70,7 @@ class Assembly(Fabric):
         ]
         self.lengths = [length_of(axis_curve(a)) for a in self.axes]
         sizes = [int(np.prod(s.shape)) for row in self.spaces for s in row]
-        self.hidden: list[list[Hidden | None]] = [[None] * len(views) for _ in tubes]
+        self.hidden: list[list[Hidden | None]] = [[Hidden.of(view.ignore) for view in views] for _ in tubes]
         self.others: list[list[Hidden | None]] = [[None] * len(views) for _ in tubes]
         model = Model([t.grid for t in tubes], [t.material.closed for t in tubes], len(views), sum(sizes), device)
         super().__init__(model, tubes, settings, device, self.lengths[0], axis_curve(self.axes[0]).mean(axis=0))

@@ -58,6 +58,17 @@ class Hidden:
             said = np.maximum(beta, GUESS * guess)
         return potential.samples * np.stack([beta, beta, said, said], axis=-1)
 
+    @staticmethod
+    def of(ignore: np.ndarray | None, besides: Hidden | None = None) -> Hidden | None:
+        """What is not to be looked at, shape (H, W), bool, and what hides besides."""
+        if ignore is None:
+            return besides
+        mask = ignore.copy()
+        if besides is not None:
+            (column, row), (height, width) = besides.corner, besides.mask.shape
+            mask[row : row + height, column : column + width] |= besides.mask
+        return Hidden(mask, (0, 0))
+
     def at(self, points: np.ndarray) -> np.ndarray:
         """Whether it is hidden at image points (..., 2); nowhere beyond the mask."""
         column, row = np.moveaxis(np.rint(points).astype(int) - self.corner, -1, 0)

@@ -38,6 +38,8 @@ def foregrounds(
     """
     maps = [foreground(view.image, axis, view.ignore, own) for axis, own in zip(axes, marks, strict=True)]
     curves = [axis_curve(axis) for axis in axes]
+    if view.ignore is not None:
+        maps = [completed(map_, curve, view.ignore) for map_, curve in zip(maps, curves, strict=True)]
     boxes = [np.array([m.origin, np.add(m.origin, np.multiply(m.step, m.inside.shape[::-1]))]) for m in maps]
     near = [
         [j for j in range(len(axes)) if j != k and np.all(np.maximum(boxes[j][0], box[0]) < np.minimum(boxes[j][1], box[1]))]
@@ -58,8 +60,8 @@ def foregrounds(
             ignore = ignore | view.ignore
         others = [_apart(curves[j], curves[k], OFF * maps[k].half_width) for j in near[k] if j not in ahead]
         maps[k] = foreground(view.image, axes[k], ignore if ignore.any() else None, marks[k], others)
-        if hides.any():
-            maps[k] = completed(maps[k], curves[k], hides)
+        if ignore.any():
+            maps[k] = completed(maps[k], curves[k], hides if view.ignore is None else hides | view.ignore)
     return maps
 
 

@@ -23,7 +23,7 @@ MOST_OUTSIDE, MOST_CUT = 0.02, 0.5
 PARTIAL = "the object leaves the image: what lies beyond the border is a guess, and with it length, volume and area"
 """Said of such an object, which may be trusted as far as it is seen."""
 MOST_HIDDEN = 0.5
-"""Share of the contour that other objects may hide."""
+"""Share of the contour that may be hidden."""
 UNREST = 0.015
 """How far nodes may still move (root mean square) in the last tenth of a run that did not converge, in greatest radii."""
 FOLDED = 0.25
@@ -202,7 +202,7 @@ def _doubts(
             " object's middle, or mark with not_here or ignore what it must not take"
         )
     if measures["hidden_share"] > MOST_HIDDEN:
-        doubts.append(f"other objects hide {measures['hidden_share']:.0%} of the contour: most of the shape is a guess")
+        doubts.append(f"{measures['hidden_share']:.0%} of the contour is hidden: most of the shape is a guess")
     if measures.get("map_agreement", 1.0) < LEAST_AGREEMENT:
         doubts.append(
             "the tube departs from the foreground map: check both, and draw the axis nearer to the object's middle"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
 import symseek
 from benchmarks import still_life as bench
@@ -113,6 +114,16 @@ def test_the_hidden_part_is_completed_and_the_front_is_as_alone(life):
     assert scores["off"].whole < good.whole - 0.01 and scores["off"].surface > 2 * good.surface
     alone = reconstruct([View(life.image)], [Tube(life.front.clicks)]).objects[0]
     assert good.front > 0.98 and good.front >= truth.compare(alone.vertices, alone.faces, life.front).iou - 0.005
+
+
+def test_what_is_masked_is_completed_as_what_a_tube_hides(life):
+    """The front object in a mask instead: the back one goes on below it, and its contour there counts as hidden."""
+    mask = ndimage.binary_dilation(life.front.coverage > 0)
+    (found,) = reconstruct([View(life.image, ignore=mask)], [Tube(life.back.clicks)]).objects
+    assert truth.compare(found.vertices, found.faces, life.back).iou > 0.97
+    assert 0.02 < found.measures["hidden_share"] < 0.5 and found.trusted
+    column, row = np.clip(np.rint(np.concatenate(found.contour)).astype(int), 0, 255).T
+    assert mask[row, column][np.concatenate(found.hidden)].mean() > 0.7
 
 
 def test_hidden_contour_is_told(life):

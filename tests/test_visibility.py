@@ -184,7 +184,7 @@ class Scene:
 
     def __init__(self, nodes: np.ndarray, eye: Camera | None = None):
         class View:
-            camera, image = eye or Camera.orthographic(), np.zeros((200, 200))
+            camera, image, ignore = eye or Camera.orthographic(), np.zeros((200, 200)), None
 
         self.views, self.tubes, self.nodes = [View()], [None], nodes
         self.hidden: list[list[Hidden | None]] = [[None]]
