@@ -271,7 +271,8 @@ def _look(image: np.ndarray, curve: np.ndarray, step: float, margin: float, igno
     x = tinted(resample(colours(part), lo - first, step, shape))
     known = np.ones(shape, bool)
     if ignore is not None:
-        known = resample((~ignore).astype(np.float32), lo, step, shape) > 0.5
+        known = ~ignore[first[1] : last[1], first[0] : last[0]]
+        known = resample(known.astype(np.float32), lo - first, step, shape) > 0.5
         x = filled(x, known)
     line = (curve - lo) / step
     return _Look(x, colour_cells(x), known, line, *_from_axis(line, shape), step, lo)

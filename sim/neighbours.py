@@ -40,29 +40,44 @@ def foregrounds(
     curves = [axis_curve(axis) for axis in axes]
     if view.ignore is not None:
         maps = [completed(map_, curve, view.ignore) for map_, curve in zip(maps, curves, strict=True)]
-    boxes = [np.array([m.origin, np.add(m.origin, np.multiply(m.step, m.inside.shape[::-1]))]) for m in maps]
-    near = [
-        [j for j in range(len(axes)) if j != k and np.all(np.maximum(boxes[j][0], box[0]) < np.minimum(boxes[j][1], box[1]))]
-        for k, box in enumerate(boxes)
-    ]
-    covers: dict[int, np.ndarray] = {}  # of what lies in front, by the nearest first
+    boxes = np.array([[m.origin, np.add(m.origin, np.multiply(m.step, m.inside.shape[::-1]))] for m in maps])
+    covers: dict[int, tuple[tuple[slice, slice], np.ndarray, np.ndarray]] = {}  # of what lies in front, by the nearest first
+    # pictures are large and objects many: only where there is something they are written and cleared again
+    none = np.zeros(view.image.shape[:2], bool) if view.ignore is None else view.ignore
+    hides, ignore = none.copy(), none.copy()
     for k in sorted(range(len(axes)), key=lambda k: depths[k]):
-        if not near[k]:
+        near = np.all((boxes[:, 0] < boxes[k, 1]) & (boxes[k, 0] < boxes[:, 1]), axis=1)
+        near[k] = False
+        beside: list[int] = np.flatnonzero(near).tolist()
+        if not beside:
             continue
-        ahead = [j for j in near[k] if depths[j] < depths[k]]
-        hides = np.zeros(view.image.shape[:2], bool)
+        ahead = [j for j in beside if depths[j] < depths[k]]
         for j in ahead:
             if j not in covers:
-                covers[j] = maps[j].in_image(view.image.shape[:2]) > 0.5
-            hides |= covers[j]
-        ignore = ndimage.binary_dilation(hides, iterations=round(RIM)) if hides.any() else hides
-        if view.ignore is not None:
-            ignore = ignore | view.ignore
-        others = [_apart(curves[j], curves[k], OFF * maps[k].half_width) for j in near[k] if j not in ahead]
-        maps[k] = foreground(view.image, axes[k], ignore if ignore.any() else None, marks[k], others)
-        if ignore.any():
-            maps[k] = completed(maps[k], curves[k], hides if view.ignore is None else hides | view.ignore)
+                covers[j] = _cover(maps[j], none.shape)
+            part, mask, wide = covers[j]
+            hides[part] |= mask
+            ignore[part] |= wide
+        masked = bool(ahead) or view.ignore is not None
+        others = [_apart(curves[j], curves[k], OFF * maps[k].half_width) for j in beside if j not in ahead]
+        maps[k] = foreground(view.image, axes[k], ignore if masked else None, marks[k], others)
+        if masked:
+            maps[k] = completed(maps[k], curves[k], hides)
+        for j in ahead:
+            part = covers[j][0]
+            hides[part] = ignore[part] = none[part]
     return maps
+
+
+def _cover(map_: Foreground, size: tuple[int, ...]) -> tuple[tuple[slice, slice], np.ndarray, np.ndarray]:
+    """Where a map's object covers an image of a size (height, width): the part, the cover, one `RIM` wider."""
+    last = np.array(size[1::-1])
+    reach = np.multiply(map_.step, map_.inside.shape[::-1])
+    left, top = np.clip(np.floor(map_.origin) - RIM, 0, last).astype(int).tolist()
+    right, bottom = np.clip(np.ceil(np.add(map_.origin, reach)) + RIM + 1, 0, last).astype(int).tolist()
+    part = slice(top, bottom), slice(left, right)
+    cover = map_.in_image((bottom - top, right - left), (left, top)) > 0.5
+    return part, cover, ndimage.binary_dilation(cover, iterations=round(RIM)) if cover.any() else cover
 
 
 def completed(map_: Foreground, given: np.ndarray, hides: np.ndarray) -> Foreground:
