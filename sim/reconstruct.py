@@ -153,7 +153,12 @@ def reconstruct(
     with ThreadPoolExecutor(os.cpu_count()) as ahead, ThreadPoolExecutor(threads) as pool:
         scales = SCALES if len(shares) == 1 else 1
         parts = [
-            Relaxation(Assembly(views, [tubes[k] for k in share], settings, device, [maps[k] for k in share]), ahead, scales)
+            Relaxation(
+                Assembly(views, [tubes[k] for k in share], settings, device, [maps[k] for k in share]),
+                ahead,
+                scales,
+                0 in share,
+            )
             for share in shares
         ]
         lap("kernels")

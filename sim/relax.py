@@ -57,12 +57,13 @@ class Relaxation:
         scene: the assembly, at its start.
         pool: makes potentials while others are solved.
         ahead: of how many scales; each takes memory.
+        drawn: keep the pictures.
 
     Raises:
         ValueError: the scheme cannot bear the step, mass, or the material.
     """
 
-    def __init__(self, scene: Assembly, pool: Executor, ahead: int = 1):
+    def __init__(self, scene: Assembly, pool: Executor, ahead: int = 1, drawn: bool = True):
         self.scene, self._pool = scene, pool
         lists = [[space.sigmas for space in row] for row in scene.spaces]
         self.stages = max(len(x) for row in lists for x in row)
@@ -73,6 +74,7 @@ class Relaxation:
         self.done, self.converged, self.diverged = False, False, False
         self.history: list[list] = [[] for _ in scene.tubes]
         self.pictures: list[PotentialPicture] = []
+        self._drawn = drawn
         self.potentials: list[list[Potential]] = []
         self.waited = 0.0
         self._ahead = [self._made(stage) for stage in range(min(ahead, self.stages))]
@@ -154,7 +156,8 @@ class Relaxation:
     def snapshot(self) -> None:
         """Remembers where every tube is."""
         for k, states in enumerate(self.history):
-            states.append((*self.scene.world(k), self._sigmas[self.stage][k][0], list(self.scene.weights.cuts[k])))
+            tube, spine = (nodes.astype(np.float32) for nodes in self.scene.world(k))
+            states.append((tube, spine, self._sigmas[self.stage][k][0], list(self.scene.weights.cuts[k])))
 
     def _made(self, stage: int) -> list[list[Future[Potential]]]:
         """Potentials of a scale, under way."""
@@ -172,7 +175,8 @@ class Relaxation:
         beyond = self.stage + 1 + len(self._ahead)
         if beyond < self.stages:
             self._ahead.append(self._made(beyond))
-        self.pictures.append(self.potentials[0][0].picture)
+        if self._drawn:
+            self.pictures.append(self.potentials[0][0].picture)
         self.sigma = self._sigmas[self.stage][0][0]
         with HOST:
             scene.set_potentials(self.potentials)
