@@ -24,7 +24,7 @@ from .spring import Held, Springs
 
 LINE_LOAD = 0.04
 """Stiffness of the contour: force a displacement for each unit of contour length and of s."""
-HOLD = 1e-5
+HOLD = 2e-5
 """Stiffness of the springs that keep rings where they were dealt: enough that they come to rest, no more."""
 
 
