@@ -23,7 +23,7 @@ from symseek.sim.assembly import Assembly, maps_of
 from symseek.sim.force import add_forces
 from symseek.sim.loop import Loop
 from symseek.sim.reconstruct import REFRESH, reconstruct
-from symseek.sim.relax import LEAST_SHARE
+from symseek.sim.relax import FIRM, LEAST_SHARE
 
 from .tables import Headed, command, headed, machine
 
@@ -52,7 +52,7 @@ def iteration(scene: Scene, grid: tuple[int, int]) -> tuple[float, float]:
     space = laid.spaces[0][0]
     laid.set_potentials([[space.at(space.sigmas[-1], finest=True)]])
     laid.hold_depth()
-    laid.hold_rings()
+    laid.hold_shares(FIRM)
     laid.set_material(LEAST_SHARE)
     loop = Loop(laid, careful=False)
     settings = scene.settings
@@ -79,7 +79,7 @@ def batch(scene: Scene, count: int, steps: int) -> list[list[str]]:
         laid = Assembly(scene.views, scene.tubes, scene.settings, "cpu", maps)
         laid.set_potentials([[potential]])
         laid.hold_depth()
-        laid.hold_rings()
+        laid.hold_shares(FIRM)
         laid.set_material(LEAST_SHARE)
         loops.append(Loop(laid, careful=False))
     times, ends = [], []

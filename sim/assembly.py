@@ -24,8 +24,6 @@ from .spring import Held, Springs
 
 LINE_LOAD = 0.04
 """Stiffness of the contour: force a displacement for each unit of contour length and of s."""
-HOLD = 2e-5
-"""Stiffness of the springs that keep rings where they were dealt: enough that they come to rest, no more."""
 
 
 def maps_of(views: list[View], tubes: list[Tube]) -> list[list[Foreground]]:
@@ -190,15 +188,15 @@ class Assembly(Fabric):
             far[rings] = fading(tubes[self.model.nodes_of(k)].reshape(ns, nx, 3).transpose(1, 0, 2), spines[rings])
         self.model.ring_far.assign((far[:, None] ** np.arange(self.model.ring_far.shape[1])).astype(np.float32))
 
-    def hold_rings(self) -> None:
-        """Lets nodes keep the shares of their ways to the next ring that they have now."""
+    def hold_shares(self, stiffness: float) -> None:
+        """Lets nodes keep the shares of the meridians, their ways from ring to ring, that they have now."""
         hold, slack = np.zeros(self.model.nodes), np.zeros(self.model.rings)
         tubes = self.state.tube.numpy()
         for k, (nx, ns) in enumerate(self.model.grids):
             edges = np.linalg.norm(np.diff(tubes[self.model.nodes_of(k)].reshape(ns, nx, 3), axis=0), axis=2)
             share = np.maximum(edges / edges.mean(axis=1).sum(), 1e-3)
-            hold[self.model.nodes_of(k)][:-nx] = HOLD / share.ravel()
-            slack[self.model.rings_of(k)][:-1] = share.mean(axis=1) / HOLD
+            hold[self.model.nodes_of(k)][:-nx] = stiffness / share.ravel()
+            slack[self.model.rings_of(k)][:-1] = share.mean(axis=1) / stiffness
         self.model.edge_hold.assign(hold.astype(np.float32))
         self.model.ring_slack.assign(slack.astype(np.float32))
 
@@ -212,6 +210,12 @@ class Assembly(Fabric):
         across = np.abs((way * self.state.normal.numpy()).sum(axis=1)).max()
         ends = self.model.host_ring_closed[self.model.node_ring.numpy()]
         return float(max(across, np.linalg.norm(way[ends], axis=1).max(initial=0.0)))
+
+    @property
+    def leaves(self) -> bool:
+        """Whether any closed end lies beyond the image, of several views beyond all."""
+        ends = self.model.host_ring_closed[self.model.node_ring.numpy()]
+        return not bool(self._seen(self.state.tube.numpy()[ends]).all())
 
     def _seen(self, nodes: np.ndarray) -> np.ndarray:
         """Which nodes, shape (N, 3), own units, lie in the image of any view."""

@@ -31,6 +31,10 @@ LEAPS = 3
 """How often a run leaps to the extrapolated limit before it may end."""
 LONGEST = 30.0
 """Longest leap, in ways between two looks."""
+HOLD, FIRM = 1e-6, 2e-5
+"""Stiffness of the springs that keep nodes where they were dealt, at the finest scale: so little that it does not matter
+where they were, until all is all but at rest; then so much that nothing slides along the surface for ever. At once where an
+end lies beyond the image, of which nothing else is known."""
 LOST = 1.0
 """Residual force at which the solver has diverged [initial spine lengths]."""
 LEAST_SHARE = 0.01
@@ -81,7 +85,7 @@ class Relaxation:
         with HOST:
             scene.set_material(1.0)
             self.loop = Loop(scene, careful=False)
-        self._again, self._under_way = False, False
+        self._again, self._under_way, self._firm = False, False, False
 
     @property
     def last(self) -> bool:
@@ -143,6 +147,8 @@ class Relaxation:
         self.scene.weights.change(k, weights)
         self._go_on()
         if self._under_way:
+            if self.last:
+                self._hold(HOLD)
             self._look_anew()
 
     def _go_on(self) -> None:
@@ -184,7 +190,7 @@ class Relaxation:
                 scene.deal()
             scene.hold_tangents()
             if self.last:
-                scene.hold_rings()
+                self._hold(FIRM if scene.leaves else HOLD)
             scene.hold_depth()
             self.loop.set_material(max(LEAST_SHARE, (self.sigma / self._sigmas[0][0][0]) ** 2))
             self.loop.hold_springs(self.iteration)
@@ -241,11 +247,18 @@ class Relaxation:
         self.converged = at_rest
         if self.converged and last and self._leaps < LEAPS and not self.loop.solver.mass:
             self._leap()
+        if self.converged and last and not self._firm:
+            self._hold(FIRM)
+            self.converged, self._moved = False, float("inf")
         if not self.residual < LOST:
             self._go_back()
         finished = self.converged and not (last and pending)
         if finished or self.diverged or self.iteration >= self._end:
             self._finish_stage()
+
+    def _hold(self, stiffness: float) -> None:
+        self.scene.hold_shares(stiffness)
+        self._firm = stiffness == FIRM
 
     def _leap(self) -> None:
         """What creeps does so for long, by less and less: goes where that leads, unless it is here."""
@@ -262,6 +275,8 @@ class Relaxation:
         """To where the scale started, to do it again by the plain scheme; once."""
         positions, self.scene.time = self._start
         self.scene.rewind(positions)
+        if self.last:
+            self._hold(HOLD)
         self.diverged, self._again = self._again, True
         self.loop = Loop(self.scene, careful=True)
         self.loop.hold_springs(self.iteration)

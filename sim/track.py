@@ -18,7 +18,7 @@ from .loop import HOST
 from .palette import Palette
 from .potential import Potential, ScaleSpace
 from .problem import Settings, Tube, View
-from .relax import Relaxation, thinned
+from .relax import HOLD, Relaxation, thinned
 from .result import ObjectResult, Result, finish
 
 SHARE = 0.03
@@ -102,6 +102,7 @@ class Follower:
         self.whole = [palette.seen(palette.map(view.image, tube, spine), tube) for palette, view in pairs]
         self.seen, self.off = [1.0], [0.0]
         self.seconds = 0.0
+        scene.hold_shares(HOLD)  # a bend changes them
         if scene.weights.materials[0].L1 is None:
             scene.weights.change(0, {"L1": scene.shape(0)["L1"], "k1": STRETCH})
 

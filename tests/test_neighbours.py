@@ -84,8 +84,7 @@ def test_parts_that_join_in_one_colour_are_trusted_with_each_other():
     together = reconstruct([View(image)], tubes).objects
     assert all(o.trusted for o in together), [o.warnings for o in together]
     alone = reconstruct([View(image)], tubes[1:]).objects[0]
-    for name in ("map_agreement", "map_certainty"):
-        assert together[1].measures[name] > alone.measures[name]
+    assert together[1].measures["map_certainty"] > alone.measures["map_certainty"] + 0.01
 
 
 def test_completed_end_is_a_ball_about_the_last_point():
