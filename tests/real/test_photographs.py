@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
 import symseek
@@ -34,3 +37,23 @@ def test_silhouette(name, record_property):
     record_property("iou", iou)
     assert iou > BARS[name], f"IoU {iou:.3f}; {result.objects[0].warnings}"
     assert result.objects[0].trusted == (iou > 0.93), result.objects[0].warnings
+
+
+def test_a_thumb_before_a_squash():
+    """Left alone it dents the squash; as a tube in front or masked it does not, and what it covers counts as hidden."""
+    scene = symseek.load(photographs.SCENES / "in_hand.toml")
+    shape = scene.views[0].image.shape[:2]
+    thumb = [np.array([(165, 240), (172, 218), (205, 212), (232, 220), (275, 262), (255, 300), (215, 266)])]
+    masked = replace(scene.views[0], ignore=photographs.filled(thumb, shape))
+    runs = {
+        "dented": replace(scene, tubes=scene.tubes[:1]),
+        "tube": scene,
+        "mask": replace(scene, tubes=scene.tubes[:1], views=[masked]),
+    }
+    found = {name: symseek.reconstruct(run) for name, run in runs.items()}
+    squash = {name: photographs.silhouette(result) for name, result in found.items()}
+    below = photographs.filled([np.array([(182, 222), (205, 218), (215, 228), (200, 240), (190, 244)])], shape)
+    assert photographs.overlap(squash["tube"], squash["mask"]) > 0.95
+    for name in ("tube", "mask"):
+        assert squash[name][below].mean() > squash["dented"][below].mean() + 0.3
+        assert 0.02 < found[name].objects[0].measures["hidden_share"] < 0.4 and found[name].objects[0].trusted
