@@ -107,6 +107,24 @@ def test_shipped_ring_is_measured_as_it_is(tmp_path):
     assert (tmp_path / "overlay.png").is_file()
 
 
+def test_a_ring_from_a_script():
+    folder = Path(generator.__file__).parent / "squash_ring"
+    scene = symseek.load(folder)
+    views = [{"name": v.name, "image": v.image, "projection": "matrix", "P": v.camera.matrix} for v in scene.views]
+    spine = np.load(folder / "truth.npz")["spine"][[10, 35, 65, 90]]
+    settings = {"iterations": 3}
+    found = symseek.reconstruct(views=views, spine=spine, name="squash", units="mm", settings=settings)
+    assert found.scene.units == "mm" and [v.name for v in found.scene.views] == [v.name for v in scene.views]
+    assert len(found.objects[0].seen) == 8
+    np.testing.assert_array_equal(found.scene.tubes[0].spine, spine)
+    spines = scene.text["object"][0]["spines"]
+    found = symseek.reconstruct(views=views, spines=spines, settings=settings)
+    np.testing.assert_array_equal(found.scene.tubes[0].spine, scene.tubes[0].spine)
+    for wrong in ({}, {"image": views[0]["image"], "views": views}, {"views": views, "ignore": np.zeros((9, 9))}):
+        with pytest.raises(TypeError, match="give"):
+            symseek.reconstruct(**wrong, spine=spine)
+
+
 def _scene(spines: str, second: str = 'projection = "stereo"\nalpha = -0.2', first: str = "") -> dict:
     import tomllib
 
