@@ -17,7 +17,7 @@ COUPLING = ("a", "reaction", "b", "c", "balance", "d", "centre", "depth")
 FREED = 1.5
 """Power of the share with which w20 and b fall where the views tell sections."""
 TOLD_SHARE = 0.1
-"""Most of the share of w2 where the views tell depth."""
+"""Most of the share of w2 where the views tell sections."""
 FLAT = 0.05
 """Least |dv| for the tension of natural curvatures; rings near a pole are smaller."""
 
@@ -101,8 +101,8 @@ class Weights:
                 f["k1"][at] *= not gap
             freed = np.broadcast_to(self.share ** (FREED * (1 - self.untold[k])), ns)
             f["w20"], f["b"] = f["w20"] * freed[:, None], f["b"] * freed
-            # a stiff spine would straighten, and by that roll up, what the views hold less firmly than one view does
-            spine_share = min(self.share, TOLD_SHARE) if self.told[k] else self.share
+            # a stiff spine would straighten, and by that roll up, what views all around hold less firmly than one does
+            spine_share = np.minimum(self.share, np.broadcast_to(TOLD_SHARE ** (1 - self.untold[k]), ns))
             share = np.full((ns, 1), self.share)
             for at, gap in self.cuts[k]:
                 if gap:  # what carries a rim on straight
