@@ -69,7 +69,7 @@ $(READY): pyproject.toml
 	fi
 	say "installing symseek and its dependencies into .venv, a minute or two ..."
 	$(BIN)/python -m pip install -q --disable-pip-version-check 'pip>=25.1'
-	$(BIN)/python -m pip install -qq -e '.[studio]' --group dev
+	$(BIN)/python -m pip install -qq -e '.[studio,cameras]' --group dev
 	touch $@
 
 $(BROWSER): $(READY)

@@ -23,6 +23,7 @@ from . import (
     speed,
     still_life,
     studio,
+    views,
 )  # fmt: skip
 
 TABLES = {
@@ -33,6 +34,7 @@ TABLES = {
     "breaks": breaks.main,
     "still_life": still_life.main,
     "dance": dance.main,
+    "views": views.main,
     "photographs": photographs.main,
     "snakes": snakes.main,
     "speed": speed.main,

@@ -18,7 +18,7 @@ from .model import Model
 from .neighbours import foregrounds
 from .potential import Potential, ScaleSpace
 from .problem import Settings, Tube, View
-from .sights import common_axis, pixel_size, spread
+from .sights import common_axis, pixel_size, spread, untold
 from .solvers.base import end_mass
 from .spring import Held, Springs
 
@@ -135,7 +135,10 @@ class Assembly(Fabric):
         by_node, by_ring, told = spread(sights, self.share[self.model.host_ring_tube])
         self.model.spread.assign(by_node.astype(np.float32))
         self.model.boost.assign(by_ring.astype(np.float32))
-        self.weights.told = [bool(told[self.model.rings_of(k)].all()) for k in range(len(self.tubes))]
+        for k in range(len(self.tubes)):
+            rings = self.model.rings_of(k)
+            self.weights.told[k] = bool(told[rings].all())
+            self.weights.untold[k] = untold(sights[rings], where[rings])
 
     def _carried_on(self, k: int) -> np.ndarray:
         """The rough axis in the world, as far as the map's object reaches; straight beyond its own ends."""

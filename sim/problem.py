@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .camera import Camera
+from .lens import Lens
 from .material import Break, Material
 from .spring import Spring
 
@@ -21,6 +22,8 @@ class View:
     name: str = "front"
     ignore: np.ndarray | None = None
     """shape (H, W), bool: True where the image must not be looked at (`view.ignore`)."""
+    lens: Lens | None = None
+    """what bent the image that `image` was made straight from."""
 
 
 @dataclass(frozen=True)

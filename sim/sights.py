@@ -16,6 +16,10 @@ DEGREE = 5
 ROUGH = 3
 """Of an axis by what was clicked."""
 ROUNDS = 10
+TOLD, UNTOLD = np.radians(45.0), np.radians(120.0)
+"""Gaps between contours around a section that tell, and do not tell, how it differs from a circle."""
+ASIDE = 0.5
+"""Sine of the angle between sight and spine from which on a view shows the section's contour."""
 TIPS = 20.0
 """Weight of an axis' ends, which say where along it a point lies, against all else that lies across it."""
 RIDGE = 1e-6
@@ -50,6 +54,33 @@ def spread(sights: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndar
     lacking = (value[:, 1] / value[:, 0] - 1)[:, None, None] * weakest @ weakest.transpose(0, 2, 1)
     value[:, 0] = value[:, 1]
     return (axes / value[:, None]) @ axes.transpose(0, 2, 1), lacking, told
+
+
+def untold(sights: np.ndarray, spine: np.ndarray) -> np.ndarray:
+    """How much of a ring's section the views leave to symmetry, by the widest gap between their contours around it.
+
+    Each view shows two points of the section, at right angles to its sight. A gap of `UNTOLD` and more says nothing of
+    ovals, one of `TOLD` and less all of them.
+
+    Args:
+        sights: unit lines of sight i to each ring, shape (n, V, 3).
+        spine: shape (n, 3).
+
+    Returns:
+        shape (n,), 0 to 1.
+    """
+    tangent = np.gradient(spine, axis=0)
+    tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-12)
+    edge = np.cross(sights, tangent[:, None])
+    aside = np.linalg.norm(edge, axis=2)
+    across = np.cross(tangent, edge[np.arange(len(edge)), aside.argmax(axis=1)])
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    along = np.cross(across, tangent)
+    angle = np.arctan2((edge * across[:, None]).sum(axis=2), (edge * along[:, None]).sum(axis=2)) % np.pi
+    angle = np.where(aside > ASIDE, angle, angle[np.arange(len(edge)), aside.argmax(axis=1)][:, None])
+    angle = np.sort(angle, axis=1)
+    gap = np.diff(angle, axis=1, append=angle[:, :1] + np.pi).max(axis=1)
+    return np.clip((gap - TOLD) / (UNTOLD - TOLD), 0.0, 1.0)
 
 
 def common_axis(rough: np.ndarray, cameras: Sequence[Camera], seen: Sequence[np.ndarray]) -> np.ndarray:

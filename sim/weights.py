@@ -14,6 +14,10 @@ from .model import BEND_DEGREE, Model, bend_basis
 
 COUPLING = ("a", "reaction", "b", "c", "balance", "d", "centre", "depth")
 """Columns of `Model.coupling`, by name."""
+FREED = 1.5
+"""Power of the share with which w20 and b fall where the views tell sections."""
+TOLD_SHARE = 0.1
+"""Most of the share of w2 where the views tell sections."""
 FLAT = 0.05
 """Least |dv| for the tension of natural curvatures; rings near a pole are smaller."""
 
@@ -27,6 +31,7 @@ class Weights:
         cuts: discontinuities of each tube and of each spine, lists over tubes.
         stale: whether a material was changed since the last `write`.
         told: whether the views tell each tube's depth, so that nothing need hold it.
+        untold: how much of its sections they leave to symmetry (`sights.untold`), a number or shape (N_s,) each.
     """
 
     def __init__(self, model: Model, materials: Sequence[Material], breaks: Sequence[Sequence[Break]]):
@@ -37,6 +42,7 @@ class Weights:
                 check(name, getattr(material, name), model.grids[k])
         self.share, self.stale = 1.0, True
         self.told = [model.views != 1] * len(materials)
+        self.untold: list[float | np.ndarray] = [1.0] * len(materials)
         self.cuts: list[list[Cut]] = [[] for _ in materials]
         self.spine_cuts: list[list[Cut]] = [[] for _ in materials]
         self._host: dict[str, np.ndarray] = {}
@@ -93,6 +99,10 @@ class Weights:
             self.spine_cuts[k] = cuts(f["w1"] + (0 if f["L1"] is None else f["k1"]), f["w2"])
             for at, gap in self.spine_cuts[k]:
                 f["k1"][at] *= not gap
+            freed = np.broadcast_to(self.share ** (FREED * (1 - self.untold[k])), ns)
+            f["w20"], f["b"] = f["w20"] * freed[:, None], f["b"] * freed
+            # a stiff spine would straighten, and by that roll up, what views all around hold less firmly than one does
+            spine_share = np.minimum(self.share, np.broadcast_to(TOLD_SHARE ** (1 - self.untold[k]), ns))
             share = np.full((ns, 1), self.share)
             for at, gap in self.cuts[k]:
                 if gap:  # what carries a rim on straight
@@ -100,7 +110,7 @@ class Weights:
             for name in ("w10", "w20", "w11", "w01", "w02", "mu", "gamma"):
                 fresh[name][nodes] = (f[name] * (share if name == "w02" else 1.0)).reshape(-1)
             for name in ("w1", "w2", "k1"):
-                fresh[name][rings] = f[name] * (self.share if name == "w2" else 1.0)
+                fresh[name][rings] = f[name] * (spine_share if name == "w2" else 1.0)
             for name in ("mu", "gamma"):
                 fresh["spine_" + name][rings] = _mean(f[name])
             own, line = tube[nodes].reshape(ns, nx, 3), spine[rings]

@@ -89,7 +89,12 @@ class Folder:
     def _scene(self, full: Path) -> State:
         if full.is_file() and full.stat().st_size > SCENE_MOST:
             raise SceneError(full.name, "", f"has {full.stat().st_size / 1e6:.0f} MB", "a scene file is a few kB of text")
-        views = read(full).get("view", [])
+        text = read(full)
+        views = text.get("view", [])
+        bent = isinstance(views, list) and any(isinstance(view, Mapping) and "distortion" in view for view in views)
+        if "cameras" in text or bent:
+            key, what = ("cameras", "stand in a file") if "cameras" in text else ("view.distortion", "bends the image")
+            raise SceneError(full.name, key, what, "the studio shows one still image as it is: use symseek run")
         for view in views if isinstance(views, list) else []:
             for key in ("image", "ignore", "frames"):
                 value = view.get(key, "") if isinstance(view, Mapping) else ""

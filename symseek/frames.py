@@ -11,6 +11,7 @@ import numpy as np
 
 from . import images
 from .checks import SceneError, Table, shown, suggest
+from .sim.lens import Lens
 
 VIDEOS = {".mp4", ".mov", ".mkv", ".avi", ".webm", ".m4v", ".mpg", ".mpeg"}
 PICTURES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".npy", ".bmp"}
@@ -21,6 +22,7 @@ class Frames:
 
     Attributes:
         fps: frames a second, of a video; else None.
+        lens: what bends them, if anything; they come out straight.
 
     Args:
         table: the [[view]] table.
@@ -36,6 +38,7 @@ class Frames:
         self._video: Path | None = None
         self._files: Sequence[Path | np.ndarray] = []
         self.fps: float | None = None
+        self.lens: Lens | None = None
         if isinstance(value, os.PathLike):
             value = os.fspath(value)
         if isinstance(value, list | tuple | np.ndarray):
@@ -62,7 +65,16 @@ class Frames:
         else:
             self._files = sorted(path.parent.glob(path.name)) if path.parent.is_dir() else []
 
+    def straighten(self, lens: Lens) -> None:
+        """From now on frames come out as without this lens."""
+        self.lens, self.first = lens, lens.image(self.first)
+
     def __iter__(self) -> Iterator[np.ndarray | str]:
+        for frame in self._read():
+            bent = self.lens is not None and isinstance(frame, np.ndarray) and frame.shape[1::-1] == self.lens.size
+            yield self.lens.image(frame) if bent else frame  # pyright: ignore
+
+    def _read(self) -> Iterator[np.ndarray | str]:
         if self._video is not None:
             yield from self._decoded(self._video)
             return

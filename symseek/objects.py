@@ -65,8 +65,7 @@ def _marks(table: Table, view: View) -> np.ndarray:
     if not len(table.take("not_here", [])):
         return np.zeros((0, 2))
     marks = table.array("not_here", (None, 2), "a list of image points")
-    _inside(table, "not_here", marks, view.image)
-    return marks
+    return _in_image(table, "not_here", marks, view)
 
 
 def _snake(table: Table, view: View, shared: dict[str, Any]) -> Snake:
@@ -86,7 +85,7 @@ def _curve(table: Table, key: str, view: View, closed: bool, meaning: str, why: 
     least = 3 if closed else 2
     if len(points) < least:
         table.fail(key, f"has {len(points)} point{'s' * (len(points) != 1)}", f"give at least {least}, in order")
-    _inside(table, key, points, view.image)
+    points = _in_image(table, key, points, view)
     ring = points
     if closed:  # all but shut: ends that meet are no crossing
         ring = np.concatenate([points, points[:1] + 1e-6 * (points[-1:] - points[:1])])
@@ -102,8 +101,10 @@ def _sheet(table: Table, view: View, shared: dict[str, Any]) -> Sheet:
     wide = 3 if isinstance(value, list | tuple | np.ndarray) and len(value) and np.size(value[0]) == 3 else 2
     corners = table.array("corners", (4, wide), "four [x, y] or [x, y, z] points", why=why)
     image = table.flag("image", True)
+    if wide == 2:
+        corners = _in_image(table, "corners", corners, view)
     seen = corners if wide == 2 else _seen(table, "corners", corners, view)
-    if image or wide == 2:
+    if image and wide == 3:
         _inside(table, "corners", seen, view.image)
     ring = np.concatenate([seen, seen[:1] + 1e-6 * (seen[-1:] - seen[:1])])
     if image or wide == 2:
@@ -138,7 +139,10 @@ def _spring(table: Table, view: View, kind: str, settings: Settings) -> Spring:
         value = table.take(key, why=why)
         wide = 3 if np.size(value) == 3 and kind != "snake" else 2
         meaning = "an image point [column, row]" + ("" if kind == "snake" else " or a world point [x, y, z]")
-        return tuple(float(v) for v in table.array(key, (wide,), meaning))
+        point = table.array(key, (wide,), meaning)
+        if wide == 2:
+            point = (_in_image if key == "near" else _straight)(table, key, point[None], view)[0]
+        return tuple(float(v) for v in point)
 
     anchor = place("anchor", "give the image point it pulls to: anchor = [x, y]")
     reach = table.number("reach", above=0.0) if "reach" in table else None
@@ -155,8 +159,6 @@ def _spring(table: Table, view: View, kind: str, settings: Settings) -> Spring:
         )
     elif "near" in table:
         near = place("near", "")
-        if len(near) == 2:
-            _inside(table, "near", np.array([near]), view.image)
     else:
         count = 1 if kind == "snake" else 2
         value = np.atleast_1d(np.asarray(table.take("point"), dtype=object))
@@ -223,18 +225,33 @@ def _tube(table: Table, views: list[View], scale: float, shared: dict[str, Any])
         radius = table.number("radius", above=0.0, most=widest)
     spine, grid = _spines(table, views) if "spines" in table else _spine(table, view), _grid(table)
     figure = table.name("figure") if "figure" in table else None
-    height, width = view.image.shape[:2]
     find_depth = _find_depth(table, views, spine.shape[1] == 2)
     depth = 0.0 if find_depth else _depth(table, view, spine.shape[1] == 2)
     _all_see(table, views, spine, depth)
     return Tube(
         spine=spine, radius=radius, depth=depth, find_depth=find_depth, grid=grid,
-        material=material_of(table, grid), breaks=breaks_of(table, grid[1], (height, width)), figure=figure,
+        material=material_of(table, grid), breaks=breaks_of(table, grid[1], view), figure=figure,
         **shared,
     )  # fmt: skip
 
 
-def _inside(table: Table, key: str, points: np.ndarray, image: np.ndarray) -> None:
+def _in_image(table: Table, key: str, points: np.ndarray, view: View) -> np.ndarray:
+    """Image points of a view as given, shape (n, 2), which must lie in it, as the view without its lens has them."""
+    _inside(table, key, points, view.image)
+    points = _straight(table, key, points, view)
+    if view.lens is not None:
+        _inside(table, key, points, view.image, " without distortion")
+    return points
+
+
+def _straight(table: Table, key: str, points: np.ndarray, view: View) -> np.ndarray:
+    points = points if view.lens is None else view.lens.straight(points)
+    if not np.isfinite(points).all():
+        table.fail(key, "lies where the view's lens shows nothing", "check the distortion of its camera")
+    return points
+
+
+def _inside(table: Table, key: str, points: np.ndarray, image: np.ndarray, how: str = "") -> None:
     height, width = image.shape[:2]
     size = np.array([width, height])
     for i, point in enumerate(points):
@@ -242,7 +259,7 @@ def _inside(table: Table, key: str, points: np.ndarray, image: np.ndarray) -> No
             at = f"[{point[0]:g}, {point[1]:g}]"
             table.fail(
                 f"{key}[{i}]",
-                f"{at} lies outside the image of {width} x {height} pixels",
+                f"{at} lies outside the image of {width} x {height} pixels{how}",
                 "points are [column, row]",
             )
 
@@ -258,8 +275,11 @@ def _spine(table: Table, view: View) -> np.ndarray:
             f"has {len(spine)} point{'s' * (len(spine) != 1)}",
             "give at least two, from one end of the object to the other",
         )
-    seen = spine if wide == 2 else _seen(table, "spine", spine, view)
-    _inside(table, "spine", seen, view.image)
+    if wide == 2:
+        spine = seen = _in_image(table, "spine", spine, view)
+    else:
+        seen = _seen(table, "spine", spine, view)
+        _inside(table, "spine", seen, view.image)
     _unknotted(table, "spine", spine, seen, crossing=wide == 2)
     return spine
 

@@ -73,9 +73,13 @@ class Result(still.Result):
 
 
 def reconstruct(
-    image: Scene | str | Path | np.ndarray,
+    image: Scene | str | Path | np.ndarray | None = None,
     spine: Iterable[Any] | None = None,
     *,
+    views: Iterable[Mapping[str, Any]] | None = None,
+    cameras: str | Path | None = None,
+    images: str | Path | None = None,
+    spines: Mapping[str, Any] | None = None,
     objects: Iterable[Mapping[str, Any]] | None = None,
     name: str = "object",
     radius: float | None = None,
@@ -91,12 +95,17 @@ def reconstruct(
     device: str = "cpu",
     callback: Callback | None = None,
 ) -> Result:
-    """Reconstruct one object from one orthographic photograph, or a whole scene.
+    """Reconstruct one object from one orthographic photograph or from several views, or a whole scene.
 
     Args:
         image: path, "skimage:NAME", or array of shape (H, W) or (H, W, 1 to 4); or a Scene, which says all
             that the other arguments but `device` and `callback` would.
-        spine: rough axis, shape (n, 2), image points (column, row).
+        spine: rough axis, shape (n, 2), image points (column, row) of the first view, or (n, 3), world points.
+        views: instead of an image, views with the keys of a scene file, such as
+            {"name": "left", "image": ..., "projection": "matrix", "P": ...}.
+        cameras: file or folder of their cameras, as in a scene file; without `views`, all its images are views.
+        images: folder of the images that `cameras` names.
+        spines: instead of a spine, rough axes in two views or more by their names, shape (n, 2) each.
         objects: instead of a spine, objects with the keys of a scene file, such as
             {"kind": "snake", "points": ..., "spring": [{"near": ..., "anchor": ...}]}.
         name: of the object and its files.
@@ -123,17 +132,25 @@ def reconstruct(
         if spine is not None:
             raise TypeError("a Scene holds its spines: give no spine beside it")
         return _solve(image, device, callback)
-    view = {"image": image} | ({} if ignore is None else {"ignore": ignore})
+    if (image is None) == (views is None and cameras is None):
+        raise TypeError("give an image, or views or the file of their cameras")
+    if image is None and ignore is not None:
+        raise TypeError("give ignore as a key of the view that it is for")
+    seen = [{"image": image} | ({} if ignore is None else {"ignore": ignore})] if image is not None else views
     tube: dict[str, Any] = {"name": name, "depth": depth, "grid": tuple(grid)}
     tube |= {} if spine is None else {"spine": np.asarray(_listed(spine))}
+    tube |= {} if spines is None else {"spines": {view: np.asarray(_listed(axis)) for view, axis in spines.items()}}
     tube |= {} if radius is None else {"radius": radius}
     marks = _listed(not_here)
     tube |= {"not_here": np.asarray(marks)} if len(marks) else {}
     tube |= {} if material is None else {"material": material}
     given = [tube] if objects is None else [dict(o) for o in objects]
-    if objects is not None and spine is not None:
+    if objects is not None and (spine is not None or spines is not None):
         raise TypeError("give a spine or objects, not both")
-    data: dict[str, Any] = {"name": name, "units": units, "view": [view], "object": given}
+    data: dict[str, Any] = {"name": name, "units": units, "object": given}
+    data |= {} if seen is None else {"view": [dict(view) for view in seen]}
+    data |= {} if cameras is None else {"cameras": str(cameras)}
+    data |= {} if images is None else {"images": str(images)}
     data |= {} if scale is None else {"scale": scale}
     data |= {} if settings is None else {"solver": settings}
     data |= {} if output is None else {"output": output}

@@ -13,11 +13,13 @@ from typing import Any
 import numpy as np
 
 from . import images
+from .cameras import EXTRA, Shot, find_shot, listed_views, read_cameras
 from .checks import Bounds, SceneError, Table, shown, suggest
 from .frames import Frames
 from .objects import OBJECT_KEYS, build_object
 from .override import apply
 from .sim.camera import Camera
+from .sim.lens import Lens
 from .sim.problem import Settings, Sheet, Snake, Tube, View
 from .sim.track import Tracking
 
@@ -41,10 +43,15 @@ SETTINGS_BOUNDS: Bounds = {
     "momentum": (0.0, 0.95),
 }
 
-TOP_KEYS = ["name", "units", "scale", "view", "object", "solver", "track", "output"]
+TOP_KEYS = ["name", "units", "scale", "cameras", "images", "view", "object", "solver", "track", "output"]
 TRACK_BOUNDS: Bounds = {"iterations": (1, 10_000), "first": ("rod", "rigid", "none"), "fps": (1e-6, 1e6)}
-VIEW_KEYS = ["name", "image", "frames", "projection", "alpha", "K", "R", "t", "P", "ignore"]
-PROJECTION_KEYS = {"orthographic": [], "stereo": ["alpha"], "perspective": ["K", "R", "t"], "matrix": ["P"]}
+VIEW_KEYS = ["name", "image", "frames", "projection", "alpha", "K", "R", "t", "distortion", "P", "camera", "ignore"]
+PROJECTION_KEYS = {
+    "orthographic": [], "stereo": ["alpha"], "perspective": ["K", "R", "t", "distortion"], "matrix": ["P"],
+    "file": ["camera"],
+}  # fmt: skip
+METRIC = ("perspective", "matrix", "file")
+"""Projections that fix the world's scale."""
 
 
 @dataclass(frozen=True)
@@ -167,9 +174,16 @@ def build(data: Mapping[str, Any], base: Path, source: str, name: str = "object"
     """
     top = Table(data, source, "", TOP_KEYS)
     units = top.text("units", "px", choices=METRES)
+    shots: dict[str, Shot] = {}
+    if "cameras" in top:
+        shots = read_cameras(top, base)
+        data = {"view": listed_views(shots), **data}
+        top = Table(data, source, "", TOP_KEYS)
+    elif "images" in top:
+        top.fail("images", "stands without cameras", "give the cameras' file, or remove it")
     tables = top.tables("view", VIEW_KEYS, 'add a [[view]] with image = "photo.jpg"')
     scale = _scale(top, units, tables)
-    read = [_view(table, base, scale, "front" if i == 0 else f"view{i + 1}") for i, table in enumerate(tables)]
+    read = [_view(table, base, scale, "front" if i == 0 else f"view{i + 1}", shots) for i, table in enumerate(tables)]
     views = [view for view, _ in read]
     for table in tables:
         if ("frames" in table) != ("frames" in tables[0]):
@@ -213,9 +227,13 @@ def build(data: Mapping[str, Any], base: Path, source: str, name: str = "object"
     return Scene(scene_name, views, tubes, settings, lines, units, scale, output, source, frames, tracking, dict(data))
 
 
+def _projection(view: Table, in_file: bool) -> str:
+    return view.text("projection", "file" if in_file else "orthographic", choices=PROJECTION_KEYS)
+
+
 def _scale(top: Table, units: str, views: list[Table]) -> float:
-    projections = [view.text("projection", "orthographic", choices=PROJECTION_KEYS) for view in views]
-    if all(projection in ("perspective", "matrix") for projection in projections):
+    projections = [_projection(view, "cameras" in top) for view in views]
+    if all(projection in METRIC for projection in projections):
         if "scale" in top:
             top.fail(
                 "scale",
@@ -239,12 +257,26 @@ def _scale(top: Table, units: str, views: list[Table]) -> float:
     return scale
 
 
-def _view(table: Table, base: Path, scale: float, default_name: str) -> tuple[View, Frames | None]:
+def _view(
+    table: Table, base: Path, scale: float, default_name: str, shots: Mapping[str, Shot]
+) -> tuple[View, Frames | None]:
     if "frames" in table and "image" in table:
         table.fail("image", "stands beside frames", "give a photograph or frames, not both")
-    camera = _camera(table, scale)
+    projection = _projection(table, bool(shots))
+    for key in (k for keys in PROJECTION_KEYS.values() for k in keys):
+        if key in table and key not in PROJECTION_KEYS[projection]:
+            owner = next(p for p, keys in PROJECTION_KEYS.items() if key in keys)
+            table.fail(
+                key,
+                f"does not belong to a view that is {projection}",
+                f'write projection = "{owner}", or remove it',
+            )
+    if projection == "file" and not shots:
+        table.fail("projection", "is 'file', and the scene names none", 'give cameras = "sparse/0" or "transforms.json"')
+    found = find_shot(table, shots) if projection == "file" else _camera(table, projection, scale)
     frames = Frames(table, base) if "frames" in table else None
     image = images.read(table, "image", base) if frames is None else frames.first
+    camera, lens = found.fitted(table, image.shape) if isinstance(found, Shot) else (found, _lens(table, image))
     ignore = None
     if "ignore" in table:
         ignore = images.read(table, "ignore", base, mask=True) > 0.5
@@ -261,19 +293,32 @@ def _view(table: Table, base: Path, scale: float, default_name: str) -> tuple[Vi
                 "the mask covers the whole image",
                 "white means: do not look here; leave the object black",
             )
-    return View(name=table.name("name", default_name), image=image, camera=camera, ignore=ignore), frames
+    if lens is not None:
+        image = lens.image(image)
+        ignore = ~lens.covered if ignore is None else lens.mask(ignore)
+        if frames is not None:
+            frames.straighten(lens)
+    name = table.name("name", default_name)
+    return View(name=name, image=image, camera=camera, ignore=ignore, lens=lens), frames
 
 
-def _camera(table: Table, scale: float) -> Camera:
-    projection = table.text("projection", "orthographic", choices=PROJECTION_KEYS)
-    for key in (k for keys in PROJECTION_KEYS.values() for k in keys):
-        if key in table and key not in PROJECTION_KEYS[projection]:
-            owner = next(p for p, keys in PROJECTION_KEYS.items() if key in keys)
-            table.fail(
-                key,
-                f"does not belong to a view that is {projection}",
-                f'write projection = "{owner}", or remove it',
-            )
+def _lens(table: Table, image: np.ndarray) -> Lens | None:
+    """What `distortion` of a perspective view says."""
+    if "distortion" not in table:
+        return None
+    values = table.array("distortion", (None,), "a list of OpenCV's coefficients k1 k2 p1 p2 [k3 [k4 k5 k6]]")
+    if len(values) not in (4, 5, 8):
+        table.fail("distortion", f"holds {len(values)} numbers", "give OpenCV's k1 k2 p1 p2 [k3 [k4 k5 k6]]: 4, 5 or 8")
+    K = table.array("K", (3, 3), "a 3 x 3 matrix")
+    if K[0, 1]:
+        table.fail("K", f"{shown(K)} has a skew beside distortion", "OpenCV's model has none: undistort the image first")
+    try:
+        return Lens.opencv(K, values.tolist(), (image.shape[1], image.shape[0]))
+    except ImportError:
+        table.fail("distortion", "needs pycolmap, which is not installed", EXTRA)
+
+
+def _camera(table: Table, projection: str, scale: float) -> Camera:
     why = f'projection = "{projection}" needs it'
     if projection == "stereo":
         return Camera.stereo(table.number("alpha", why=f"{why}: the paper's (15), signed"), scale)

@@ -9,6 +9,7 @@ import numpy as np
 from .checks import Table, shown
 from .sim.fields import as_field, break_ring, pieces
 from .sim.material import Break, Material
+from .sim.problem import View
 
 
 def material_of(table: Table, grid: tuple[int, int]) -> Material:
@@ -36,13 +37,13 @@ def material_of(table: Table, grid: tuple[int, int]) -> Material:
     return material
 
 
-def breaks_of(table: Table, ns: int, size: tuple[int, int]) -> tuple[Break, ...]:
-    """The table's list `break`, for a grid of `ns` rings and an image of `size` (height, width).
+def breaks_of(table: Table, ns: int, view: View) -> tuple[Break, ...]:
+    """The table's list `break`, for a grid of `ns` rings; image points are in that view.
 
     Raises:
         SceneError: an unknown key, a value out of bounds, or breaks too close for the grid.
     """
-    value = table.take("break", [])
+    value, size = table.take("break", []), view.image.shape[:2]
     if isinstance(value, list | tuple) and all(isinstance(b, Break) for b in value):
         value = [asdict(b) for b in value]
     found: list[Break] = []
@@ -53,6 +54,7 @@ def breaks_of(table: Table, ns: int, size: tuple[int, int]) -> tuple[Break, ...]
             point = inner.array("at", (2,), "an image point [column, row]")
             if not np.all((point >= -0.5) & (point <= np.array(size[::-1]) - 0.5)):
                 inner.fail("at", f"{shown(point)} lies outside the image", f"it has {size[1]} x {size[0]} pixels")
+            point = point if view.lens is None else view.lens.straight(point[None])[0]
             at = (float(point[0]), float(point[1]))
         else:
             at = inner.number("at", above=0.0, most=1.0)

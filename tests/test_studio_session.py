@@ -189,6 +189,13 @@ def test_after_the_last_spring_there_is_time_to_rest(folder):
     assert session.settings().iterations == 4000 and "solver" not in session.tables()
 
 
+@pytest.mark.parametrize("line", ['cameras = "."', "[[view]]\ndistortion = [0.1, 0, 0, 0]"])
+def test_scenes_whose_images_are_made_straight_are_refused(line, folder):
+    (folder.root / "bent.toml").write_text(line)
+    with pytest.raises(symseek.SceneError, match="use symseek run"):
+        folder.open("bent.toml")
+
+
 @pytest.mark.parametrize(("name", "what"), [("squash_ring", "has 8 views"), ("finger", "moves")])
 def test_more_than_one_still_image_is_refused(name, what):
     with pytest.raises(symseek.SceneError, match=f"the scene {what}; the studio shows one still image"):

@@ -13,7 +13,7 @@ from symseek.scenes import views as generator
 from symseek.sim.camera import Camera
 from symseek.sim.problem import Tube, View
 from symseek.sim.reconstruct import reconstruct
-from symseek.sim.sights import common_axis, spread, triangulated
+from symseek.sim.sights import common_axis, spread, triangulated, untold
 
 BEND = np.stack([np.linspace(-40, 40, 60), 10 * np.cos(np.linspace(-1, 1, 60)), 12 * np.sin(np.linspace(-1, 2, 60))], 1)
 
@@ -45,6 +45,20 @@ def test_views_from_one_side_do_not_tell_depth():
     assert not told[0]
     np.testing.assert_allclose(by_node[0], np.eye(3) / 3, atol=1e-12)
     np.testing.assert_allclose(by_ring[0], 0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("degrees", "expected"),
+    [((0, 45, 90, 135), 0.0), ((0, 60, 120), 0.2), ((0, 120, 240), 0.2), ((0, 10), 1.0), ((0, 90), 0.6), ((0,), 1.0)],
+)
+def test_the_widest_gap_between_contours_says_what_symmetry_must(degrees, expected):
+    """Of views round a vertical axis; those from opposite sides show the same contour; gaps from 45 to 120 degrees."""
+    angle = np.radians(degrees)
+    sights = np.column_stack([np.sin(angle), np.zeros(len(angle)), np.cos(angle)])
+    spine = np.column_stack([np.zeros(5), np.arange(5.0), np.zeros(5)])
+    np.testing.assert_allclose(untold(np.tile(sights, (5, 1, 1)), spine), expected, atol=1e-6)
+    above = np.tile(np.vstack([sights, [0, 1.0, 0]]), (5, 1, 1))  # a view along the axis shows nothing of it
+    np.testing.assert_allclose(untold(above, spine), expected, atol=1e-6)
 
 
 @pytest.mark.parametrize("perspective", [False, True])
@@ -89,6 +103,21 @@ def test_a_ring_of_views_measures_each_and_is_nearer_than_a_pair():
     assert found.measures["map_agreement"] == min(own["map_agreement"] for own in found.measures["views"].values())
 
 
+def test_views_all_around_tell_sections_out_of_round():
+    made = generator.ring(2, 8, kind="pear", size=256, out_of_round=0.05)
+    found = _solved(made, (0, 2))
+    away = truth.to_surface(found.vertices, (made.vertices, made.faces)).mean()
+    assert found.trusted and away < 0.0012 * made.length  # circles are 0.42 % off
+    assert abs(found.measures["volume"] / made.volume - 1) < 0.006
+
+
+def test_a_worm_in_a_ring_of_views_does_not_roll_up():
+    made = generator.ring(105, 8, kind="worm", size=256)
+    found = _solved(made, (0, 2))
+    assert found.trusted
+    assert truth.to_surface(found.vertices, (made.vertices, made.faces)).mean() < 0.001 * made.length
+
+
 def test_rendered_views_agree_with_their_meshes():
     made = generator.ring(5, 2, perspective=True, size=128)
     for camera, cover, image in zip(made.cameras, made.coverages, made.images, strict=True):
@@ -105,6 +134,24 @@ def test_shipped_ring_is_measured_as_it_is(tmp_path):
     away = truth.to_surface(result.objects[0].vertices, (true["vertices"], true["faces"].astype(int))).mean()
     assert away < 0.001 * float(true["length"])
     assert (tmp_path / "overlay.png").is_file()
+
+
+def test_a_ring_from_a_script():
+    folder = Path(generator.__file__).parent / "squash_ring"
+    scene = symseek.load(folder)
+    views = [{"name": v.name, "image": v.image, "projection": "matrix", "P": v.camera.matrix} for v in scene.views]
+    spine = np.load(folder / "truth.npz")["spine"][[10, 35, 65, 90]]
+    settings = {"iterations": 3}
+    found = symseek.reconstruct(views=views, spine=spine, name="squash", units="mm", settings=settings)
+    assert found.scene.units == "mm" and [v.name for v in found.scene.views] == [v.name for v in scene.views]
+    assert len(found.objects[0].seen) == 8
+    np.testing.assert_array_equal(found.scene.tubes[0].spine, spine)
+    spines = scene.text["object"][0]["spines"]
+    found = symseek.reconstruct(views=views, spines=spines, settings=settings)
+    np.testing.assert_array_equal(found.scene.tubes[0].spine, scene.tubes[0].spine)
+    for wrong in ({}, {"image": views[0]["image"], "views": views}, {"views": views, "ignore": np.zeros((9, 9))}):
+        with pytest.raises(TypeError, match="give"):
+            symseek.reconstruct(**wrong, spine=spine)
 
 
 def _scene(spines: str, second: str = 'projection = "stereo"\nalpha = -0.2', first: str = "") -> dict:
