@@ -100,7 +100,9 @@ class Engine:
         """Puts all back to their starts, paused; wishes are to be shown anew."""
         return self.call(self._reset)
 
-    def grab(self, uid: int, point: tuple[float, float], anchor: Sequence[float] | np.ndarray, push: bool = False) -> Future:
+    def grab(
+        self, uid: int, point: tuple[float, float], anchor: Sequence[float] | np.ndarray, push: bool = False, view: int = 0
+    ) -> Future:
         """The mouse takes hold of a material point (x, s) of an object, or pushes it away from the anchor.
 
         Args:
@@ -108,8 +110,9 @@ class Engine:
             point: material coordinates (x, s) in [0, 1].
             anchor: image point, or world point.
             push: by a volcano.
+            view: number of the view that the anchor is in, if it is an image point.
         """
-        return self.call(lambda: self._hold(uid, point, tuple(map(float, anchor)), push))
+        return self.call(lambda: self._hold(uid, point, tuple(map(float, anchor)), push, view))
 
     def drag(self, uid: int, anchor: Sequence[float] | np.ndarray) -> Future:
         """The mouse moves to another anchor."""
@@ -293,12 +296,12 @@ class Engine:
             self._begin(uid, Wish(part.wish.structure, tube)).go = False
             self._go[uid] = False
 
-    def _hold(self, uid: int, point: tuple[float, float], mouse: tuple[float, ...], push: bool) -> None:
+    def _hold(self, uid: int, point: tuple[float, float], mouse: tuple[float, ...], push: bool, view: int) -> None:
         part = self._parts.get(uid)
         if part is not None:
             part.go, self._look = True, None
             self._go[uid] = True
-            part.hold(point, mouse, push)
+            part.hold(point, mouse, push, view)
 
     def _settle(self) -> None:
         if any(part.hides for part in self._parts.values()):  # then they go together

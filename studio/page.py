@@ -13,6 +13,7 @@ import viser
 
 from symseek.checks import SceneError
 from symseek.pipeline import run as run_scene
+from symseek.sim.initial import lift
 from symseek.sim.spring import Spring
 
 from .controls import Controls
@@ -21,7 +22,8 @@ from .engine import Engine
 from .keep import Folder
 from .mouse import Mouse
 from .part import Snapshot, Wish
-from .session import Item, Session, structure
+from .session import Session
+from .state import Item
 
 RATE = 30
 """Most updates of the page a second."""
@@ -50,7 +52,7 @@ class Page:
         self.session: Session | None = None
         self.path = ""
         self.chosen: int | None = None
-        self.tool, self.in_space = "Draw", False
+        self.tool, self.in_space, self.eye = "Draw", False, 0
         self.updates = 0
         self.told, self._told_at = ("", ""), 0.0
         self.drawing: Drawing | None = None
@@ -70,11 +72,11 @@ class Page:
 
         def do() -> None:
             session, restored = self.folder.open(path)
-            frame = Frame(session.view, session.depth)
+            frames = [Frame(view, depth) for view, depth in zip(session.views, session.depths(), strict=True)]
             with self.lock, self._painting:
                 self.session, self.path = session, path
-                self.drawing = Drawing(self.server.scene, session.view, frame)
-                self._plot, self.in_space = {}, False
+                self.drawing = Drawing(self.server.scene, session.views, frames)
+                self._plot, self.in_space, self.eye = {}, False, 0
                 items = session.state.items
                 self.chosen = items[0].uid if items else session.add()
                 self.mouse.listen(self.drawing)
@@ -85,6 +87,7 @@ class Page:
                 self._through_camera(client)
 
         self.attempt(do)
+        self.attempt(self.controls.list_files)
         self.refresh()
 
     def attempt(self, what: Callable[[], Any]) -> bool:
@@ -144,7 +147,7 @@ class Page:
     def _wishes(self) -> dict[int, Wish]:
         assert self.session is not None
         tubes = [(item, self.session.tube(item)) for item in self.session.state.items]
-        return {item.uid: Wish(structure(item), tube) for item, tube in tubes if tube is not None}
+        return {item.uid: Wish(item.structure(), tube) for item, tube in tubes if tube is not None}
 
     # the eye
 
@@ -166,9 +169,12 @@ class Page:
             camera.up_direction = (0.0, -1.0, 0.0)
             camera.position, camera.look_at = middle - [0, 0, away], middle
 
-    def look(self, client: viser.ClientHandle, in_space: bool) -> None:
-        """Through the camera, or at the models in space."""
-        self.in_space = in_space
+    def look(self, client: viser.ClientHandle, in_space: bool, eye: int | None = None) -> None:
+        """Through the camera of a view, by its number, or at the models in space before it."""
+        with self.lock, self._painting:
+            self.in_space, self.eye = in_space, self.eye if eye is None else eye
+            if self.drawing is not None:
+                self.drawing.look(self.eye, in_space)
         self._through_camera(client)
         if in_space and self.drawing is not None:
             with client.atomic():
@@ -182,13 +188,8 @@ class Page:
 
     def record(self, uid: int, springs: Sequence[Spring]) -> None:
         """What was pulled becomes a step."""
-        tables = []
-        for s in springs:
-            table = {"anchor": list(s.anchor), "stiffness": s.stiffness, "start": s.start}
-            table |= {"point": list(s.point)} if s.point is not None else {"reach": s.reach}
-            tables.append(table | ({"stop": s.stop} if s.stop is not None else {}))
-        if tables:
-            self.act(lambda session: session.record(uid, tables))
+        if springs:
+            self.act(lambda session: session.record(uid, session.written(springs)))
 
     def run(self, what: str) -> None:
         """Run, pause, step or reset."""
@@ -221,6 +222,7 @@ class Page:
             full = self._saved(name)
             self.engine.settle()
             rest = "" if self.engine.at_rest() else " It is not at rest yet; `symseek run` goes on until it is."
+            self.controls.list_files()
             self.tell("Saved", f"`{full.relative_to(self.folder.root)}`.{rest}", "green")
 
         self.attempt(do)
@@ -317,10 +319,15 @@ class Page:
 
     def _axis(self, item: Item) -> tuple[np.ndarray, str, bool]:
         assert self.session is not None
-        points = np.array(item.points or np.zeros((0, 2)), float)
-        if points.shape[1] == 3:
-            points = self.session.view.camera.project(points)
-        return points, item.colour, item.uid == self.chosen and self.tool == "Draw"
+        session, view = self.session, self.session.views[self.eye]
+        chosen = item.uid == self.chosen and self.tool == "Draw"
+        points = np.array(item.axes(session.view.name).get(view.name) or np.zeros((0, 2)), float)
+        tube = None if len(points) else session.tube(item)
+        if tube is None:
+            return points, item.colour, chosen
+        spine = np.asarray(tube.spine, float)  # not drawn here: as it lies in the world
+        world = spine if spine.shape[1] == 3 else lift(spine, session.view.camera, tube.depth)
+        return view.camera.project(world), item.colour, False
 
     def close(self) -> None:
         """Ends the drawing."""
