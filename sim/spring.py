@@ -34,6 +34,8 @@ class Spring:
     """iteration at which it lets go; None: never."""
     view: int = 0
     """number of the view that its image points are in."""
+    frame: int = 0
+    """of a moving scene; in one after the first, iterations count from the end of the frame's own."""
 
     def holds(self, iteration: int) -> bool:
         """Whether it is in force at an iteration."""

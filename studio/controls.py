@@ -14,6 +14,7 @@ from viser import GuiEvent, uplot
 from symseek.sim.material import Material
 
 from .drawing import rgb
+from .film import Film
 from .keep import IMAGES, PAIR
 from .part import Snapshot
 from .state import Item
@@ -102,6 +103,10 @@ class Controls:
         self._buttons("Tool", tuple(TOOLS), self._take_tool)
         self._buttons("Run", ("Run", "Pause", "Step", "Reset"), page.run)
         self._buttons("Steps", ("Undo", "Redo"), page.undo)
+        self.frames = gui.add_folder("Frames", visible=False)
+        with self.frames:
+            self.frame = self._on(gui.add_slider("Frame", 0, 1, 1, 0), page.see)
+            self._buttons("Film", ("Track", "Stop", "Back", "Next"), page.film)
         self.state = gui.add_markdown("")
         view = gui.add_button_group("View", ("Through the camera", "In space"))
 
@@ -238,6 +243,10 @@ class Controls:
             return
         more = SEVERAL if page.tool == "Draw" and len(session.views) > 1 else ""
         self.hint.content = f"**{page.tool}**: {TOOLS[page.tool]}{more}"
+        film = page.engine.film
+        self.frames.visible = session.moving
+        if film is not None and session.moving:
+            self.frame.max = max(1, film.length - 1)
         names = [view.name for view in session.views]
         self.eye.visible = len(names) > 1
         if tuple(names) != self.eye.options:
@@ -273,7 +282,10 @@ class Controls:
         steps = "" if session is None else ", ".join(
             f"{verb} {what}" for verb, what in (("undo", session.can_undo), ("redo", session.can_redo)) if what
         )  # fmt: skip
-        self.state.content = _described(s) + (f"  \n{steps}" if steps else "")
+        film, frame = self.page.engine.film, self.page.engine.frame
+        if film is not None and self.frame.value != frame:
+            self.frame.value = frame
+        self.state.content = _described(s, film, frame) + (f"  \n{steps}" if steps else "")
         if len(line) > 1:
             i, residual, error = (np.array(c, float) for c in zip(*line, strict=True))
             self.residual.data = (i, np.log10(np.where(np.isfinite(residual), np.maximum(residual, 1e-12), 1.0)))
@@ -288,7 +300,13 @@ def _label(item: Item, items: Sequence[Item]) -> str:
     return f"{item.name} [{place}]" if len(set(depths)) > 1 else item.name
 
 
-def _described(s: Snapshot | None) -> str:
+def _described(s: Snapshot | None, film: Film | None, frame: int) -> str:
+    if film is not None and frame > 0:
+        text = f"frame {frame} of 0 to {film.length - 1}"
+        if s is None:
+            return f"{text}, not tracked yet"
+        where = "being put right" if not s.done else s.note or "followed"
+        return f"{text}, {where}, contour {s.off:.2f} px from the image's edges"
     if s is None:
         return "not drawn yet"
     if s.diverged:

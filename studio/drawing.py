@@ -31,8 +31,8 @@ LAYER = 1e-3
 """Between what lies on the photograph, one above the other [its shorter side]."""
 LINES = {"wire": 1.0, "contour": 3.0, "spine": 2.0, "axis": 2.0, "springs": 3.0}
 """What is drawn on it, from below, and how thick [screen px]."""
-BESIDE = 0.25
-"""Cosine between two views' lines of sight from which on the one's photograph stands behind the models in the other's."""
+BESIDE = (0.25, 0.9)
+"""Cosine between two views' lines of sight, from and to, where the one's photograph stands beside the other."""
 SPRING, AXIS, SPINE, FIRST = (255, 148, 40), (255, 255, 255), (255, 222, 60), (255, 255, 255)
 
 
@@ -132,7 +132,7 @@ class Drawing:
         self.size, self.unit = np.array([width, height], float), float(min(width, height))
         for w, (picture, frame, middle) in enumerate(zip(self.pictures, self.frames, self._middles, strict=True)):
             turn = self.frame.turn @ frame.turn.T
-            picture.visible = w == v or (in_space and turn[2, 2] > BESIDE)
+            picture.visible = w == v or (in_space and BESIDE[0] < turn[2, 2] < BESIDE[1])
             own = w == v
             picture.position = middle if own else self.frame.shown(frame.world(middle))
             picture.wxyz = SO3.from_matrix(np.eye(3) if own else turn).wxyz

@@ -75,6 +75,9 @@ class Mouse:
         origin, ray = np.array(event.ray_origin), np.array(event.ray_direction)
         place = (origin - ray * origin[2] / ray[2])[:2]
         near, page = _near(event.client), self.page
+        if page.engine.frame > 0:
+            page.tell("The first frame", "axes, creases, gaps and marks are its own; go back to it")
+            return
         tool, view = page.tool, page.eye
 
         def do(session: Session) -> None:
@@ -115,7 +118,7 @@ class Mouse:
         """A stroke over the chosen model: nodes on its way lose their rigidity."""
         page = self.page
         s = page.engine.snapshots.get(page.chosen or -1)
-        if page.session is None or s is None or page.chosen is None:
+        if page.session is None or s is None or page.chosen is None or page.engine.frame > 0:
             return
         uid, view = page.chosen, page.session.views[page.eye]
         if event.phase == "start":
@@ -151,7 +154,8 @@ class Mouse:
         page.engine.drag(held, anchor)
         if event.phase == "end":
             self._held = None
-            page.engine.let_go(held, page.tool == "Pin").add_done_callback(lambda made: page.record(held, made.result()))
+            kept = page.tool == "Pin"
+            page.engine.let_go(held, kept).add_done_callback(lambda made: page.record(held, made.result()))
 
     def _grabbed(self, place: np.ndarray, uid: int | None) -> tuple[int, tuple[float, float]] | None:
         """Which object is taken hold of, and where on it."""

@@ -59,6 +59,10 @@ class Page:
         self.mouse = Mouse(self)
         self._plot: dict[int, list[tuple[int, float, float]]] = {}
         self._changed = True
+        self._fitted: dict[int, tuple[float, np.ndarray]] = {}
+        """for which aspect each window's eye was put where."""
+        self._pictured: list[int] = []
+        """which frame each view's photograph shows."""
         self._closed = threading.Event()
         self.controls = Controls(self)
         server.on_client_connect(self._welcome)
@@ -80,7 +84,10 @@ class Page:
                 items = session.state.items
                 self.chosen = items[0].uid if items else session.add()
                 self.mouse.listen(self.drawing)
-                self.engine.show(session.views, session.settings(), self._wishes(), fresh=True)
+                self._pictured = [0] * len(session.views)
+                self.engine.show(
+                    session.views, session.settings(), self._wishes(), True, session.frames, session.scenery.tracking
+                )
             if restored:
                 self.tell("Brought back", "what you had made of it before; *Start over* takes the file as it is.")
             for client in self.server.get_clients().values():
@@ -155,6 +162,13 @@ class Page:
         self.attempt(lambda: self._through_camera(client))
         self.refresh()
 
+        @client.camera.on_update
+        async def _(camera: viser.CameraHandle) -> None:
+            set_for, place = self._fitted.get(client.client_id, (camera.aspect, camera.position))
+            untouched = np.abs(camera.position - place).max() < 1e-3 * np.abs(place).max()
+            if untouched and not self.in_space and abs(camera.aspect / set_for - 1) > 0.01:  # a panel takes its room, say
+                self.attempt(lambda: self._through_camera(client))
+
     def _through_camera(self, client: viser.ClientHandle) -> None:
         """Puts a window's eye where the whole photograph fills it."""
         if self.drawing is None:
@@ -168,6 +182,7 @@ class Page:
             camera.near, camera.far, camera.fov = 0.01 * away, 20 * away, FOV
             camera.up_direction = (0.0, -1.0, 0.0)
             camera.position, camera.look_at = middle - [0, 0, away], middle
+        self._fitted[client.client_id] = aspect, middle - [0, 0, away]
 
     def look(self, client: viser.ClientHandle, in_space: bool, eye: int | None = None) -> None:
         """Through the camera of a view, by its number, or at the models in space before it."""
@@ -205,6 +220,21 @@ class Page:
             self.engine.reset()
             self._plot = {}
             self.act(lambda session: session.forget_pulls())
+        self._changed = True
+
+    def film(self, what: str) -> None:
+        """Track, stop, or a frame back or on."""
+        if what in ("Track", "Stop"):
+            if what == "Track" and self.session is not None and not self._wishes():
+                self.tell("Nothing to track", "click two points or more along the object's axis")
+            self.engine.track(what == "Track")
+        else:
+            self.see(self.engine.frame + (1 if what == "Next" else -1))
+        self._changed = True
+
+    def see(self, frame: int) -> None:
+        """Shows a frame."""
+        self.engine.see(frame)
         self._changed = True
 
     def undo(self, what: str) -> None:
@@ -301,6 +331,7 @@ class Page:
             return
         colours = self._colours()
         snapshots = {uid: s for uid, s in snapshots.items() if uid in colours}
+        self._picture(session, drawing)
         with self.server.atomic():
             drawing.models(snapshots, colours, self.in_space)
             drawing.axes([self._axis(item) for item in session.state.items if item.is_tube])
@@ -308,18 +339,31 @@ class Page:
         self.engine.watched = self.chosen
         s = snapshots.get(self.chosen) if self.chosen is not None else None
         if self.chosen is not None and s is not None:
+            error = s.off if s.frame else s.support[0] if s.support else np.nan
             line = self._plot.setdefault(self.chosen, [])
             if line and line[-1][0] > s.iteration:
                 line.clear()
             if not line or s.iteration > line[-1][0]:
-                line.append((s.iteration, s.residual, s.support[0] if s.support else np.nan))
+                line.append((s.iteration, s.residual, error))
                 del line[:-KEPT]
         self.controls.follow(s, self._plot.get(self.chosen or -1, []))
         self.updates += 1
 
+    def _picture(self, session: Session, drawing: Drawing) -> None:
+        """Shows the frame in hand."""
+        film, frame = self.engine.film, self.engine.frame
+        if film is None or not session.moving or self._pictured[self.eye] == frame:
+            return
+        images = film.reel.known(frame) or self.engine.picture(frame).result()
+        if not isinstance(images, str):
+            drawing.picture(self.eye, images[self.eye])
+        self._pictured[self.eye] = frame
+
     def _axis(self, item: Item) -> tuple[np.ndarray, str, bool]:
         assert self.session is not None
         session, view = self.session, self.session.views[self.eye]
+        if self.engine.frame > 0:
+            return np.zeros((0, 2)), item.colour, False
         chosen = item.uid == self.chosen and self.tool == "Draw"
         points = np.array(item.axes(session.view.name).get(view.name) or np.zeros((0, 2)), float)
         tube = None if len(points) else session.tube(item)

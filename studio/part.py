@@ -58,8 +58,12 @@ class Snapshot:
     """springs that hold, from the object to the anchor, shape (2, 3) each."""
     support: tuple[float, float] | None = None
     """mean distance of the contour from its edge [px] and supported share, over all views, when last measured."""
+    frame: int = 0
+    """of a moving scene; what follows is of those after the first."""
     note: str = ""
-    """in a frame after the first: why it is not to be trusted, or nothing."""
+    """why it is not to be trusted, or nothing."""
+    off: float = 0.0
+    """mean way of the contour to its edges [px]."""
 
 
 @dataclass

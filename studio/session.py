@@ -343,6 +343,7 @@ class Session:
         for s in springs:
             table = {"anchor": list(s.anchor), "stiffness": s.stiffness, "start": s.start}
             table |= {"view": self.views[s.view].name} if s.view and len(s.anchor) == 2 else {}
+            table |= {"frame": s.frame} if s.frame else {}
             table |= {"point": list(s.point)} if s.point is not None else {"reach": s.reach}
             tables.append(table | ({"stop": s.stop} if s.stop is not None else {}))
         return tables

@@ -19,6 +19,7 @@ GRID_MIN, GRID_MAX = (8, 6), 512  # around, along
 NODES = (12, 2000)  # of a snake
 SPINE_MIN = 10.0  # px, the whole
 STEP_MIN = 0.1  # px, between any two points
+LATER = 1_000_000  # most iterations of a frame after the first
 SEEN = 0.5  # share of the axis that each view's image must hold
 
 LINE_BOUNDS: Bounds = {f.name: (0.0, 1e6) for m in (SnakeMaterial, SheetMaterial) for f in fields(m)}
@@ -30,7 +31,7 @@ KINDS = {
     "sheet": ["corners", "depth", "grid", "load", "image"],
 }
 OBJECT_KEYS = [*SHARED_KEYS, *dict.fromkeys(key for keys in KINDS.values() for key in keys)]
-SPRING_KEYS = ["anchor", "view", "point", "near", "stiffness", "reach", "start", "stop"]
+SPRING_KEYS = ["anchor", "view", "point", "near", "stiffness", "reach", "frame", "start", "stop"]
 
 
 def build_object(
@@ -171,15 +172,19 @@ def _spring(table: Table, views: list[View], kind: str, settings: Settings) -> S
             wanted = "s along it" if count == 1 else "[x, s], around and along it"
             table.fail("point", f"{shown(table.take('point'))} does not fit", f"give {wanted}, from 0 to 1")
         point = tuple(float(v) for v in value)
+    frame = table.take("frame", 0)
+    if not isinstance(frame, int) or isinstance(frame, bool) or frame < 0:
+        table.fail("frame", f"{shown(frame)} is no frame", "give its number, a whole one; the first is 0")
+    most = LATER if frame else settings.iterations
     start, stop = table.take("start", 0), table.take("stop", None)
     for key, value, least in (("start", start, 0), ("stop", stop, start + 1 if isinstance(start, int) else 1)):
         if value is None:
             continue
-        if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= settings.iterations:
-            bound = f"from {least} to solver.iterations = {settings.iterations}"
+        if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= most:
+            bound = f"from {least} to " + (f"{most}" if frame else f"solver.iterations = {most}")
             table.fail(key, f"{shown(value)} is out of bounds", f"give an iteration, a whole number {bound}")
     stiffness = table.number("stiffness", 1.0, above=0.0, most=1e6)
-    return Spring(anchor, point, near, stiffness, reach, start, stop, number)
+    return Spring(anchor, point, near, stiffness, reach, start, stop, number, frame)
 
 
 def _grid(table: Table) -> tuple[int, int]:
