@@ -76,10 +76,11 @@ class Assembly(Fabric):
         self._look()
         self.model.image_load[:] = settings.gain * LINE_LOAD
         self._start()
-        own = self.own_camera(camera)
+        own, *others = (self.own_camera(view.camera) for view in views)
+        others = tuple(others)
         bodies = [
-            Held(list(t.springs), int(self.model.node_start[k]), t.grid, True, (1 / t.grid[0], 1 / (t.grid[1] - 1)),
-                 self.unit, self.origin, own, 0)
+            Held([s for s in t.springs if not s.frame], int(self.model.node_start[k]), t.grid, True,
+                 (1 / t.grid[0], 1 / (t.grid[1] - 1)), self.unit, self.origin, own, 0, others)
             for k, t in enumerate(tubes)
         ]  # fmt: skip
         mass = np.concatenate([np.repeat(end_mass(ns), nx) for nx, ns in self.model.grids])

@@ -49,33 +49,52 @@ class Kept:
         records = np.frombuffer(self._bytes[: len(self._bytes) // kind.itemsize * kind.itemsize], kind)[:-1]
         with self.path.open("r+b") as file:
             file.truncate(64 + records.nbytes)
-        for record in records:
-            for k, follower in enumerate(followers):
-                own = record[f"{k}"]
-                follower.states.append((own["tube"].copy(), own["spine"].copy()))
-                follower.notes.append(own["note"].decode(errors="ignore"))
-                follower.seen.append(float(own["seen"]))
-                follower.off.append(float(own["off"]))
-        if len(records):
-            for k, follower in enumerate(followers):
-                own, scene = records[-1][f"{k}"], follower.scene
-                scene.rewind(follower.states[-1])
-                scene.state.velocity.assign(own["velocity"])
-                scene.state.spine_velocity.assign(own["spine_velocity"])
-                scene.time = float(own["time"])
+        put_back(followers, records)
         return 1 + len(records)
 
     def add(self, followers: Sequence[Follower]) -> None:
         """Keeps the last frame."""
-        record = np.zeros(1, _record(followers))
-        for k, follower in enumerate(followers):
-            own, state = record[f"{k}"], follower.scene.state
-            own["tube"], own["spine"] = follower.states[-1]
-            own["velocity"], own["spine_velocity"] = state.velocity.numpy(), state.spine_velocity.numpy()
-            own["note"], own["time"] = follower.notes[-1].encode(), follower.scene.time
-            own["seen"], own["off"] = follower.seen[-1], follower.off[-1]
         with self.path.open("ab") as file:
-            file.write(record.tobytes())
+            file.write(taken(followers).tobytes())
+
+
+def taken(followers: Sequence[Follower]) -> np.ndarray:
+    """One record: the last frame of all tubes, to the bit."""
+    record = np.zeros(1, _record(followers))
+    for k, follower in enumerate(followers):
+        own, state = record[f"{k}"], follower.scene.state
+        own["tube"], own["spine"] = follower.states[-1]
+        own["velocity"], own["spine_velocity"] = state.velocity.numpy(), state.spine_velocity.numpy()
+        own["note"], own["time"] = follower.notes[-1].encode(), follower.scene.time
+        own["seen"], own["off"] = follower.seen[-1], follower.off[-1]
+    return record
+
+
+def put_back(followers: Sequence[Follower], records: np.ndarray, first: bool = False) -> None:
+    """Adds frames to those that the tubes have been through, and sets them to where the last one ended.
+
+    Args:
+        followers: the tubes.
+        records: of the frames, see `taken`.
+        first: the records begin with the first frame, and all that was after it is forgotten.
+    """
+    for follower in followers if first else ():
+        for each in (follower.states, follower.notes, follower.seen, follower.off):
+            each.clear()
+    for record in records:
+        for k, follower in enumerate(followers):
+            own = record[f"{k}"]
+            follower.states.append((own["tube"].copy(), own["spine"].copy()))
+            follower.notes.append(own["note"].decode(errors="ignore"))
+            follower.seen.append(float(own["seen"]))
+            follower.off.append(float(own["off"]))
+    if len(records):
+        for k, follower in enumerate(followers):
+            own, scene = records[-1][f"{k}"], follower.scene
+            scene.rewind(follower.states[-1])
+            scene.state.velocity.assign(own["velocity"])
+            scene.state.spine_velocity.assign(own["spine_velocity"])
+            scene.time = float(own["time"])
 
 
 def _record(followers: Sequence[Follower]) -> np.dtype:

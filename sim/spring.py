@@ -11,6 +11,7 @@ import warp as wp
 
 from ..kernels import spring as kernels
 from .camera import Camera
+from .initial import lift
 
 
 @dataclass(frozen=True)
@@ -18,7 +19,7 @@ class Spring:
     """A spring from a point of an object to an anchor, or a volcano that pushes the object away from the anchor."""
 
     anchor: tuple[float, ...]
-    """image point (column, row) of the first view, or world point (x, y, z)."""
+    """image point (column, row), or world point (x, y, z)."""
     point: tuple[float, ...] | None = None
     """where it is tied, material coordinates in [0, 1]: (s,) along a snake, (x, s) on a tube or sheet."""
     near: tuple[float, ...] | None = None
@@ -31,6 +32,10 @@ class Spring:
     """iteration at which it takes hold."""
     stop: int | None = None
     """iteration at which it lets go; None: never."""
+    view: int = 0
+    """number of the view that its image points are in."""
+    frame: int = 0
+    """of a moving scene; in one after the first, iterations count from the end of the frame's own."""
 
     def holds(self, iteration: int) -> bool:
         """Whether it is in force at an iteration."""
@@ -55,6 +60,12 @@ class Held:
     """of the first view, takes points in own units."""
     eye: int
     """its number among the model's eyes."""
+    others: tuple[Camera, ...] = ()
+    """of the other views, the model's eyes after that one."""
+
+    def seen_by(self, view: int) -> Camera:
+        """The camera of a view, takes points in own units."""
+        return self.others[view - 1] if view else self.camera
 
     def nodes(self, material: tuple[float, ...]) -> tuple[list[int], list[float]]:
         """Four nodes about a material point and their weights."""
@@ -66,15 +77,16 @@ class Held:
         low, high = self.first + int(j) * nx, self.first + min(int(j) + 1, ns - 1) * nx
         return [low + a, low + b, high + a, high + b], [(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v]
 
-    def nearest(self, place: tuple[float, ...], positions: np.ndarray) -> tuple[list[int], list[float]]:
-        """The node nearest to an image point, of those on the near side, or to a world point."""
+    def nearest(self, place: tuple[float, ...], positions: np.ndarray, view: int = 0) -> tuple[list[int], list[float]]:
+        """The node nearest to an image point of a view, of those on the near side, or to a world point."""
         nx, ns = self.grid
         v = positions[self.first : self.first + nx * ns].astype(float)
         if len(place) == 3:
             gap = np.linalg.norm(v - (np.array(place) - self.origin) / self.unit, axis=1)
         else:
-            gap = np.linalg.norm(self.camera.project(v) - np.array(place), axis=1)
-            far = self.camera.distance(v).reshape(ns, nx)
+            camera = self.seen_by(view)
+            gap = np.linalg.norm(camera.project(v) - np.array(place), axis=1)
+            far = camera.distance(v).reshape(ns, nx)
             gap[(far > far.mean(axis=1, keepdims=True) + 1e-6).ravel()] += np.ptp(gap) * 0.05
         return [self.first + int(gap.argmin())] * 4, [1.0, 0.0, 0.0, 0.0]
 
@@ -175,7 +187,7 @@ class Springs:
         spring, body = self.list[i], self.owners[i]
         value = kernels.Spring()
         value.stiffness = spring.stiffness
-        value.eye = body.eye if len(spring.anchor) == 2 else -1
+        value.eye = body.eye + spring.view if len(spring.anchor) == 2 else -1
         if len(spring.anchor) == 2:
             value.anchor = wp.vec3(*spring.anchor, 0.0)
         else:
@@ -187,16 +199,16 @@ class Springs:
             return value
         tied = self.tied[i]
         if tied is None:
-            tied = self.tied[i] = (
-                body.nodes(spring.point) if spring.point is not None else body.nearest(spring.near or (), positions)
-            )
+            near = spring.near or ()
+            tied = body.nodes(spring.point) if spring.point is not None else body.nearest(near, positions, spring.view)
+            self.tied[i] = tied
             self.way[i] = float(np.linalg.norm(np.diff(self._segment(i, positions), axis=0)))
         value.n0, value.n1, value.n2, value.n3 = tied[0]
         value.weight = wp.vec4(*tied[1])
         return value
 
     def segments(self, k: int, positions: np.ndarray) -> list[np.ndarray]:
-        """Springs that hold body k, from where they are tied to their anchors, image points (2, 2) each."""
+        """Springs that hold body k, from where they are tied to their anchors, image points (2, 2) each of its own view."""
         return [self._segment(i, positions) for i in self.holding(k)]
 
     def holding(self, k: int) -> list[int]:
@@ -205,9 +217,26 @@ class Springs:
 
     def _segment(self, i: int, positions: np.ndarray) -> np.ndarray:
         (nodes, weights), body, anchor = self.tied[i] or ([], []), self.owners[i], np.array(self.list[i].anchor)
+        camera = body.seen_by(self.list[i].view)
         if len(anchor) == 3:
-            anchor = body.camera.project((anchor - body.origin) / body.unit)
-        return np.stack([body.camera.project(np.array(weights) @ positions[nodes].astype(float)), anchor])
+            anchor = camera.project((anchor - body.origin) / body.unit)
+        return np.stack([camera.project(np.array(weights) @ positions[nodes].astype(float)), anchor])
+
+    def in_space(self, k: int, positions: np.ndarray) -> list[np.ndarray]:
+        """Springs that hold body k, world points (2, 3) each; an image point's is as deep as where the spring is tied."""
+        body, out = self.bodies[k], []
+        for i in self.holding(k):
+            (nodes, weights), spring = self.tied[i] or ([], []), self.list[i]
+            ends = np.stack([np.array(weights) @ positions[nodes].astype(float)] * 2) * body.unit + body.origin
+            if len(spring.anchor) == 3:
+                ends[1] = spring.anchor
+            else:
+                camera = body.seen_by(spring.view).in_units(1 / body.unit, -body.origin / body.unit)
+                deep = float(camera.matrix[2, :3] @ ends[0] + camera.matrix[2, 3])
+                depth = float(camera.distance(ends[0])) if camera.affine else deep
+                ends[1] = lift(np.array(spring.anchor)[None], camera, depth)[0]
+            out.append(ends)
+        return out
 
     def take_implicitly(self, step_under: Callable[[np.ndarray], np.ndarray]) -> None:
         """Makes `give_back` anew; to be called after `set`, and after material or time step changed.

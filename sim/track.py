@@ -13,6 +13,7 @@ from scipy import ndimage
 
 from .assembly import Assembly, maps_of
 from .bend import bend, contour, linearised, look_up
+from .correct import correct
 from .kept import Kept
 from .loop import HOST
 from .palette import Palette
@@ -39,6 +40,7 @@ MOST_OUT = 0.5
 """Share of the silhouette that may lie beyond the image."""
 FINE = 20.0
 """Samples for an object's half width in a frame's potentials: a tenth of the work of a still picture's."""
+DIVERGED = "lost: the solver diverged"
 WIDE = 4.0
 """How much further from the tube a lost object is looked for."""
 
@@ -144,8 +146,12 @@ class Follower:
     def look(self, v: int, image: np.ndarray, frame: int) -> Look:
         """Map and potentials of a frame in view v, by all frames but the one before, which is being solved."""
         known = max(1, frame - 1)
-        scene, wide = self.scene, WIDE if self.notes[known - 1].startswith("lost") else 1.0
-        tube, spine = self.world(self.predicted(frame, known))
+        wide = WIDE if self.notes[known - 1].startswith("lost") else 1.0
+        return self.looked(v, image, *self.world(self.predicted(frame, known)), wide)
+
+    def looked(self, v: int, image: np.ndarray, tube: np.ndarray, spine: np.ndarray, wide: float = 1.0) -> Look:
+        """Map and potentials of an image of view v about a tube."""
+        scene = self.scene
         map_ = self.palettes[v].map(image, tube, spine, wide)
         view = replace(scene.views[v], image=image)
         space = ScaleSpace(view, view.camera, map_, scene.settings, FINE)
@@ -184,6 +190,12 @@ class Follower:
             self._end(looks, was_lost)
         self.seconds += time.perf_counter() - clock
 
+    def put_right(self, looks: list[Look]) -> None:
+        """Takes it that the tube, set by hand, is in the last frame where it is now."""
+        state = self.scene.positions()
+        note, self.seen[-1], self.off[-1] = self._doubt(state, looks, False)
+        self.states[-1], self.notes[-1] = state, note if note == DIVERGED else ""
+
     def _begin(self, looks: list[Look]) -> None:
         """Predicts and moves the tube as a whole."""
         potentials, sizes = [look.potentials[0] for look in looks], [look.view.image.shape[:2] for look in looks]
@@ -210,7 +222,7 @@ class Follower:
 
     def _doubt(self, state: tuple[np.ndarray, np.ndarray], looks: list[Look], was_lost: bool) -> tuple[str, float, float]:
         if not all(np.isfinite(a).all() for a in state):
-            return "lost: the solver diverged", 0.0, np.inf
+            return DIVERGED, 0.0, np.inf
         grid, closed = self.grid(state[0]).astype(float), self.scene.tubes[0].material.closed
         tube, _ = self.world(state)
         seen, off, out = [], [], []
@@ -298,7 +310,11 @@ def track(
         while waiting is not None:
             ahead = _looks(followers, next(stream, None), pool, count + 2)
             for follower, looks in zip(followers, waiting, strict=True):
-                follower.skip(looks) if isinstance(looks, str) else follower.follow([look.result() for look in looks])
+                if isinstance(looks, str):
+                    follower.skip(looks)
+                    continue
+                follower.follow([look.result() for look in looks])
+                correct(follower, count + 1).leave()
             waiting, count = ahead, count + 1
             if kept is not None:
                 kept.add(followers)

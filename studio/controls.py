@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,8 +14,10 @@ from viser import GuiEvent, uplot
 from symseek.sim.material import Material
 
 from .drawing import rgb
+from .film import Film
+from .keep import IMAGES, PAIR
 from .part import Snapshot
-from .session import Item
+from .state import Item
 
 if TYPE_CHECKING:
     from .page import Page
@@ -25,10 +28,12 @@ TOOLS = {
     "Pull": "drag any place of a model; let go, and it returns.",
     "Pin": "drag any place of a model; the spring stays where you let go, until **Undo**.",
     "Push": "press the mouse beside a model and move: it is pushed away.",
-    "Crease": "click where the object has a sharp edge across.",
+    "Crease": "click where the object has a sharp edge across, or paint one over the model.",
     "Gap": "click where the object is broken in two.",
     "Not here": "click on what is not the object.",
 }
+NONE = "(none)"
+SEVERAL = " In another view click it again, beginning at the same end (the white point)."
 PLOTTED = 0.25
 """Seconds between two updates of plots and numbers."""
 
@@ -71,6 +76,8 @@ SLIDERS = (
     Slider("Symmetry b", ("b",), 0.0, 4.0),
     Slider("Inflation c", ("c",), -0.3, 0.3),
     Slider("Spine: natural length", ("L1",), 0.0, 2.0, with_=("k1", 1.0)),
+    Slider("Tube: natural length", ("L01",), 0.0, 2.0, with_=("k01", 1e-3)),
+    Slider("Tube: natural girth", ("L10",), 0.0, 2.0, with_=("k10", 1e-3)),
 )
 
 
@@ -90,11 +97,16 @@ class Controls:
         gui.main_panel.dock_right()
         self.hint = gui.add_markdown("")
         with gui.add_folder("File", expand_by_default=True):
-            self.files = gui.add_dropdown("Open", self._listing())
-            self._button("Open", lambda: page.open(self.files.value))
+            self.files = gui.add_dropdown("File", self._listing())
+            self.second = gui.add_dropdown("Right eye", [NONE, *self._listing(IMAGES)], hint="of a stereo pair")
+            self._button("Open", self._open)
         self._buttons("Tool", tuple(TOOLS), self._take_tool)
         self._buttons("Run", ("Run", "Pause", "Step", "Reset"), page.run)
         self._buttons("Steps", ("Undo", "Redo"), page.undo)
+        self.frames = gui.add_folder("Frames", visible=False)
+        with self.frames:
+            self.frame = self._on(gui.add_slider("Frame", 0, 1, 1, 0), page.see)
+            self._buttons("Film", ("Track", "Stop", "Back", "Next"), page.film)
         self.state = gui.add_markdown("")
         view = gui.add_button_group("View", ("Through the camera", "In space"))
 
@@ -102,6 +114,13 @@ class Controls:
         async def _(event: GuiEvent) -> None:
             if event.client is not None:
                 page.look(event.client, event.target.value == "In space")
+
+        self.eye = gui.add_dropdown("Through", ["-"], visible=False)
+
+        @self.eye.on_update
+        async def _(event: GuiEvent) -> None:
+            if event.client is not None and event.target.value in self.eye.options:
+                page.look(event.client, page.in_space, self.eye.options.index(event.target.value))
 
         self._objects()
         self._shape()
@@ -130,8 +149,21 @@ class Controls:
         self.page.tool = tool
         self.page.refresh()
 
-    def _listing(self) -> list[str]:
-        return self.page.folder.listing() or ["(no image here)"]
+    def _listing(self, kinds: Iterable[str] = ()) -> list[str]:
+        found = [f for f in self.page.folder.listing() if not kinds or Path(f).suffix.lower() in kinds]
+        return found or ([] if kinds else ["(no image here)"])
+
+    def _open(self) -> None:
+        pair = "" if self.second.value == NONE else PAIR + self.second.value
+        self.page.open(self.files.value + pair)
+
+    def list_files(self) -> None:
+        """Looks what there is in the folder now."""
+        first, second = tuple(self._listing()), (NONE, *self._listing(IMAGES))
+        if first != self.files.options:
+            self.files.options = first
+        if second != self.second.options:
+            self.second.options = second
 
     def _on(self, handle: Any, what: Callable[[Any], Any]) -> Any:
         """Calls back with the value that a person gave, not with those that the studio set."""
@@ -209,9 +241,17 @@ class Controls:
         if session is None:
             self.hint.content = "**Open** a photograph or a scene file."
             return
-        self.hint.content = f"**{page.tool}**: {TOOLS[page.tool]}"
-        if page.path in self.files.options:
-            self.files.value = page.path
+        more = SEVERAL if page.tool == "Draw" and len(session.views) > 1 else ""
+        self.hint.content = f"**{page.tool}**: {TOOLS[page.tool]}{more}"
+        film = page.engine.film
+        self.frames.visible = session.moving
+        if film is not None and session.moving:
+            self.frame.max = max(1, film.length - 1)
+        names = [view.name for view in session.views]
+        self.eye.visible = len(names) > 1
+        if tuple(names) != self.eye.options:
+            self.eye.options = names
+        self.eye.value = names[page.eye]
         items = session.state.items
         self._uids = [i.uid for i in items]
         labels = [_label(i, items) for i in items] or ["-"]
@@ -225,7 +265,7 @@ class Controls:
         self.objects.value = labels[self._uids.index(item.uid)]
         self.title.value, self.colour.value = item.name, rgb(item.colour)
         height, width = session.view.image.shape[:2]
-        self.radius.max = float(max(100.0, round(0.25 * min(height, width)) * session.scale))
+        self.radius.max = float(max(100.0, round(0.25 * min(height, width)) * session.scenery.scale))
         self.radius.value = float(min(item.table.get("radius") or 0.0, self.radius.max))
         material = dict(item.table.get("material", {}))
         for slider, handle in self.sliders:
@@ -242,7 +282,10 @@ class Controls:
         steps = "" if session is None else ", ".join(
             f"{verb} {what}" for verb, what in (("undo", session.can_undo), ("redo", session.can_redo)) if what
         )  # fmt: skip
-        self.state.content = _described(s) + (f"  \n{steps}" if steps else "")
+        film, frame = self.page.engine.film, self.page.engine.frame
+        if film is not None and self.frame.value != frame:
+            self.frame.value = frame
+        self.state.content = _described(s, film, frame) + (f"  \n{steps}" if steps else "")
         if len(line) > 1:
             i, residual, error = (np.array(c, float) for c in zip(*line, strict=True))
             self.residual.data = (i, np.log10(np.where(np.isfinite(residual), np.maximum(residual, 1e-12), 1.0)))
@@ -257,7 +300,13 @@ def _label(item: Item, items: Sequence[Item]) -> str:
     return f"{item.name} [{place}]" if len(set(depths)) > 1 else item.name
 
 
-def _described(s: Snapshot | None) -> str:
+def _described(s: Snapshot | None, film: Film | None, frame: int) -> str:
+    if film is not None and frame > 0:
+        text = f"frame {frame} of 0 to {film.length - 1}"
+        if s is None:
+            return f"{text}, not tracked yet"
+        where = "being put right" if not s.done else s.note or "followed"
+        return f"{text}, {where}, contour {s.off:.2f} px from the image's edges"
     if s is None:
         return "not drawn yet"
     if s.diverged:

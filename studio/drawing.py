@@ -1,8 +1,8 @@
-"""What is seen: the photograph as a plane with the models drawn on it, and the models in space before it.
+"""What is seen: a photograph as a plane with the models drawn on it, and the models in space before it.
 
-The viewer's space is the photograph's: x and y are column and row, z leads away. What is drawn on the photograph is
-projected by the scene's own camera, so it lies where it belongs whatever the viewer's eye does; models in space are turned,
-scaled and moved as a whole to where that camera sees their middle.
+The viewer's space is that of the photograph in hand: x and y are column and row, z leads away. What is drawn on it is
+projected by its view's own camera, so it lies where it belongs whatever the viewer's eye does; models in space are turned,
+scaled and moved as a whole to where that camera sees their middle, and the other views' photographs with them.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import viser
+from viser.transforms import SO3
 
 from symseek.sim.fields import Cut, pieces
 from symseek.sim.initial import lift
@@ -18,7 +19,7 @@ from symseek.sim.problem import View
 from symseek.sim.surface import is_closed, refine, smooth_pieces
 
 from .part import Snapshot
-from .session import Point
+from .state import Point
 
 SIDE_MOST = 2048
 """Pixels of the longer side of the photograph as it is sent."""
@@ -28,7 +29,11 @@ MANY = 8
 """Models from which on fewer lines and triangles are drawn."""
 LAYER = 1e-3
 """Between what lies on the photograph, one above the other [its shorter side]."""
-SPRING, AXIS, SPINE = (255, 148, 40), (255, 255, 255), (255, 222, 60)
+LINES = {"wire": 1.0, "contour": 3.0, "spine": 2.0, "axis": 2.0, "springs": 3.0}
+"""What is drawn on it, from below, and how thick [screen px]."""
+BESIDE = (0.25, 0.9)
+"""Cosine between two views' lines of sight, from and to, where the one's photograph stands beside the other."""
+SPRING, AXIS, SPINE, FIRST = (255, 148, 40), (255, 255, 255), (255, 222, 60), (255, 255, 255)
 
 
 class Frame:
@@ -89,45 +94,56 @@ class Drawing:
 
     Args:
         scene: of the viser server.
-        view: image and camera.
-        frame: see `Frame`.
+        views: images and cameras.
+        frames: see `Frame`, one a view.
     """
 
-    def __init__(self, scene: viser.SceneApi, view: View, frame: Frame):
-        self.scene, self.view, self.frame = scene, view, frame
-        height, width = view.image.shape[:2]
-        self.size = np.array([width, height], float)
-        self.unit = float(min(width, height))
+    def __init__(self, scene: viser.SceneApi, views: Sequence[View], frames: Sequence[Frame]):
+        self.scene, self.views, self.frames = scene, views, frames
         self._models: dict[int, viser.MeshHandle] = {}
         self._faces: dict[int, tuple] = {}
         scene.reset()
         scene.set_up_direction("-y")
         scene.configure_default_lights(True, cast_shadow=False)
-        pixels = view.image if view.image.ndim == 3 else np.repeat(view.image[..., None], 3, axis=2)
-        thin = -(-max(height, width) // SIDE_MOST)
-        pixels = np.rint(pixels[: height - height % thin, : width - width % thin] * 255).astype(np.uint8)
-        if thin > 1:
-            h, w = pixels.shape[0] // thin, pixels.shape[1] // thin
-            pixels = pixels.reshape(h, thin, w, thin, 3).mean(axis=(1, 3)).astype(np.uint8)
-        shown = np.array(pixels.shape[1::-1]) * thin
-        self.picture = scene.add_image(
-            "/photograph", pixels, *shown, jpeg_quality=92, cast_shadow=False,
-            receive_shadow=False, position=(*(shown - 1) / 2, 0.0),
-        )  # fmt: skip
+        self.pictures, self._middles = [], []
+        for v, view in enumerate(views):
+            pixels, size = _pixels(view.image)
+            self.pictures.append(
+                scene.add_image(f"/photograph {v}", pixels, *size, jpeg_quality=92, cast_shadow=False, receive_shadow=False)
+            )
+            self._middles.append(np.array([*(size - 1) / 2, 0.0]))
         self._lines = {
             name: scene.add_line_segments(
                 f"/drawn/{name}", np.zeros((1, 2, 3)), np.zeros((1, 2, 3), np.uint8), thickness=thickness,
-                thickness_units="screen", position=(0, 0, -LAYER * self.unit * layer), visible=False,
+                thickness_units="screen", visible=False,
             )
-            for layer, (name, thickness) in enumerate(
-                (("wire", 1.0), ("contour", 3.0), ("spine", 2.0), ("axis", 2.0), ("springs", 3.0)), 1
-            )
+            for name, thickness in LINES.items()
         }  # fmt: skip
         self._points = scene.add_point_cloud(
-            "/drawn/points", np.zeros((1, 3)), np.zeros((1, 3), np.uint8), point_size=0.011 * self.unit,
-            point_shape="circle", precision="float32", point_shading="flat", visible=False,
-            position=(0, 0, -LAYER * self.unit * 7),
+            "/drawn/points", np.zeros((1, 3)), np.zeros((1, 3), np.uint8), point_size=1.0, point_shape="circle",
+            precision="float32", point_shading="flat", visible=False,
         )  # fmt: skip
+        self.look(0, False)
+
+    def look(self, v: int, in_space: bool) -> None:
+        """Makes view v the one in hand; beside models in space stand the photographs of those that look the same way."""
+        self.view, self.frame = self.views[v], self.frames[v]
+        height, width = self.view.image.shape[:2]
+        self.size, self.unit = np.array([width, height], float), float(min(width, height))
+        for w, (picture, frame, middle) in enumerate(zip(self.pictures, self.frames, self._middles, strict=True)):
+            turn = self.frame.turn @ frame.turn.T
+            picture.visible = w == v or (in_space and BESIDE[0] < turn[2, 2] < BESIDE[1])
+            own = w == v
+            picture.position = middle if own else self.frame.shown(frame.world(middle))
+            picture.wxyz = SO3.from_matrix(np.eye(3) if own else turn).wxyz
+            picture.scale = 1.0 if own else self.frame.scale / frame.scale
+        for layer, node in enumerate((*self._lines.values(), self._points), 1):
+            node.position = (0, 0, -LAYER * self.unit * layer)
+        self._points.point_size = 0.011 * self.unit
+
+    def picture(self, v: int, image: np.ndarray) -> None:
+        """Shows another frame of view v."""
+        self.pictures[v].image = _pixels(image)[0]
 
     def _set(self, name: str, parts: Sequence[tuple[np.ndarray, tuple[int, int, int]]]) -> None:
         """Segments (n, 2, 2) in the photograph, each lot of one colour."""
@@ -156,7 +172,7 @@ class Drawing:
             wires.append((wire, tuple(round(0.55 * c + 0.45 * 255) for c in colour)))
             contours.append((contour, colour))
             spines.append((_along(self.view.camera.project(s.spine), s.cuts), SPINE))
-            springs += [(np.asarray(pull)[None], SPRING) for pull in s.pulls]
+            springs += [(self.view.camera.project(pull)[None], SPRING) for pull in s.pulls]
         self._set("wire", wires)
         self._set("contour", contours)
         self._set("spine", spines)
@@ -193,7 +209,19 @@ class Drawing:
         if dots:
             points, colour = dots[0]
             self._points.points = np.column_stack([points, np.zeros(len(points))]).astype(np.float32)
-            self._points.colors = np.tile(np.array(colour, np.uint8), (len(points), 1))
+            self._points.colors = np.array([FIRST] + [colour] * (len(points) - 1), np.uint8)
+
+
+def _pixels(image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """An image as it is sent, uint8 (h, w, 3), and the size that it covers [px]."""
+    height, width = image.shape[:2]
+    thin = -(-max(height, width) // SIDE_MOST)
+    pixels = image if image.ndim == 3 else np.repeat(image[..., None], 3, axis=2)
+    pixels = np.rint(pixels[: height - height % thin, : width - width % thin] * 255).astype(np.uint8)
+    if thin > 1:
+        h, w = pixels.shape[0] // thin, pixels.shape[1] // thin
+        pixels = pixels.reshape(h, thin, w, thin, 3).mean(axis=(1, 3)).astype(np.uint8)
+    return pixels, np.array(pixels.shape[1::-1]) * thin
 
 
 def _segments(line: np.ndarray) -> np.ndarray:

@@ -14,7 +14,8 @@ import numpy as np
 import warp as wp
 
 from symseek.device import prepare
-from symseek.kernels import contour, coupling, elastic, integrate, pole, spring
+from symseek.frames import Frames
+from symseek.kernels import contour, coupling, depth, elastic, integrate, pole, spring
 from symseek.pipeline import DepthPasses
 from symseek.sim.assembly import maps_of
 from symseek.sim.foreground import Foreground
@@ -22,7 +23,10 @@ from symseek.sim.order import in_order
 from symseek.sim.problem import Settings, View
 from symseek.sim.reconstruct import REFRESH, Look
 from symseek.sim.spring import Spring
+from symseek.sim.track import Tracking
 
+from .film import Film
+from .inbox import Inbox, answered
 from .part import Part, Snapshot, Wish
 
 ROUND = 0.02
@@ -41,6 +45,7 @@ class Engine:
         speed: most iterations a second.
         watched: the object whose contour is measured on the way.
         failed: what went wrong in the thread, for the page to say.
+        film: the frames of a moving scene, and the tubes on their way through them.
     """
 
     def __init__(self, device: str = "cpu"):
@@ -48,13 +53,12 @@ class Engine:
         self.snapshots: dict[int, Snapshot] = {}
         self.failed = ""
         self.watched: int | None = None
+        self.film: Film | None = None
         self._parts: dict[int, Part] = {}
         self._views: list[View] = []
         self._settings = Settings()
         self._go: dict[int, bool] = {}
-        self._calls: list[tuple[Callable[[], Any], Future]] = []
-        self._wake = threading.Condition()
-        self._closed = False
+        self._inbox = Inbox()
         self._published, self._measured = 0.0, 0.0
         self._look: Look | None = None
         self._looked = 0.0
@@ -69,15 +73,12 @@ class Engine:
 
     def call(self, what: Callable[[], Any]) -> Future:
         """Has something done between two rounds."""
-        answer: Future = Future()
-        with self._wake:
-            if self._closed:
-                raise RuntimeError("the engine is closed")
-            self._calls.append((what, answer))
-            self._wake.notify()
-        return answer
+        return self._inbox.call(what)
 
-    def show(self, views: list[View], settings: Settings, wishes: Mapping[int, Wish], fresh: bool = False) -> Future:
+    def show(
+        self, views: list[View], settings: Settings, wishes: Mapping[int, Wish], fresh: bool = False,
+        frames: Sequence[Frames] = (), tracking: Tracking | None = None,
+    ) -> Future:  # fmt: skip
         """Makes the runs those of these objects: what can go on goes on, what cannot is played again.
 
         Args:
@@ -85,8 +86,27 @@ class Engine:
             settings: of the solver.
             wishes: by uid.
             fresh: another scene, of which nothing is known.
+            frames, tracking: of it, if it moves.
         """
-        return self.call(lambda: self._show(views, settings, dict(wishes), fresh))
+
+        def do() -> None:
+            if fresh:
+                self._open(frames, tracking or Tracking())
+            self._show(views, settings, dict(wishes))
+
+        return self.call(do)
+
+    def see(self, frame: int) -> Future:
+        """Shows a frame of a moving scene."""
+        return self.call(lambda: self.film.see(frame) if self.film is not None else None)
+
+    def track(self, on: bool = True) -> Future:
+        """Lets the tubes go on through the frames, from the last one that they have been through, or stops them."""
+        return self.call(lambda: self._set_tracking(on))
+
+    def picture(self, frame: int) -> Future:
+        """Images of a frame, one a view, or why there are none."""
+        return self.call(lambda: self.film.reel.at(frame) if self.film is not None else "it does not move")
 
     def run(self, on: bool = True) -> Future:
         """Lets all go on, or pauses them."""
@@ -100,7 +120,9 @@ class Engine:
         """Puts all back to their starts, paused; wishes are to be shown anew."""
         return self.call(self._reset)
 
-    def grab(self, uid: int, point: tuple[float, float], anchor: Sequence[float] | np.ndarray, push: bool = False) -> Future:
+    def grab(
+        self, uid: int, point: tuple[float, float], anchor: Sequence[float] | np.ndarray, push: bool = False, view: int = 0
+    ) -> Future:
         """The mouse takes hold of a material point (x, s) of an object, or pushes it away from the anchor.
 
         Args:
@@ -108,17 +130,18 @@ class Engine:
             point: material coordinates (x, s) in [0, 1].
             anchor: image point, or world point.
             push: by a volcano.
+            view: number of the view that the anchor is in, if it is an image point.
         """
-        return self.call(lambda: self._hold(uid, point, tuple(map(float, anchor)), push))
+        return self.call(lambda: self._hold(uid, point, tuple(map(float, anchor)), push, view))
 
     def drag(self, uid: int, anchor: Sequence[float] | np.ndarray) -> Future:
         """The mouse moves to another anchor."""
         mouse = tuple(map(float, anchor))
-        return self.call(lambda: self._parts[uid].drag(mouse) if uid in self._parts else None)
+        return self.call(lambda: held.drag(mouse) if (held := self._holder(uid)) is not None else None)
 
     def let_go(self, uid: int, pin: bool = False) -> Future:
         """The mouse lets go, or leaves the spring pinned; the answer is the list of springs that it made."""
-        return self.call(lambda: self._parts[uid].let_go(pin) if uid in self._parts else [])
+        return self.call(lambda: held.let_go(pin) if (held := self._holder(uid)) is not None else [])
 
     def settle(self) -> Future:
         """Plays again what did not go as `symseek run` will go, up to where it was; all of it where one hides another."""
@@ -130,20 +153,24 @@ class Engine:
 
     def going(self) -> bool:
         """Whether any is to go on, of those that are not at their ends."""
-        return any(part.active for part in list(self._parts.values()))
+        film = self.film
+        return any(part.active for part in list(self._parts.values())) or (film is not None and film.going)
 
     def close(self) -> None:
         """Ends the thread."""
-        with self._wake:
-            self._closed = True
-            self._wake.notify()
+        self._inbox.close()
         self._thread.join()
+
+    @property
+    def frame(self) -> int:
+        """Of a moving scene, that is shown."""
+        return 0 if self.film is None else self.film.frame
 
     # the thread
 
     def _live(self) -> None:
         prepare(self.device)
-        for module in (elastic, coupling, contour, pole, integrate, spring):
+        for module in (elastic, coupling, contour, pole, integrate, spring, depth):
             wp.load_module(module, device=self.device)
         with (
             ThreadPoolExecutor(os.cpu_count()) as self._ahead,
@@ -152,42 +179,23 @@ class Engine:
         ):
             before = time.perf_counter()
             while True:
-                with self._wake:
-                    if not self._calls and not self._closed and not self._active():
-                        self._wake.wait()
-                        before = time.perf_counter()
-                    if self._closed:
-                        break
-                    calls, self._calls = self._calls, []
-                self._answer(calls)
+                idle = not self.going()
+                calls = self._inbox.take(idle)
+                if calls is None:
+                    break
+                before = time.perf_counter() if idle else before
+                answered(calls, lambda: self._publish(True))
                 now = time.perf_counter()
                 try:
                     self._round(now - before)
                 except Exception as problem:  # a fault of ours must not end the studio
                     self.failed = f"{type(problem).__name__}: {problem}"
                     self._set_going(False)
+                    self._set_tracking(False)
                 before = now
                 self._publish(False)
             for part in self._parts.values():
                 part.run.stop()
-            for _, answer in self._calls:
-                answer.cancel()
-
-    def _answer(self, calls: list[tuple[Callable[[], Any], Future]]) -> None:
-        """Does what is asked; whoever waits for an answer finds it in the snapshots."""
-        outcomes: list[tuple[Future, Any, Exception | None]] = []
-        for what, answer in calls:
-            try:
-                outcomes.append((answer, what(), None))
-            except Exception as problem:
-                outcomes.append((answer, None, problem))
-        if calls:
-            self._publish(True)
-        for answer, value, problem in outcomes:
-            if problem is None:
-                answer.set_result(value)
-            else:
-                answer.set_exception(problem)
 
     def _active(self) -> list[Part]:
         return [part for part in self._parts.values() if part.active]
@@ -195,19 +203,37 @@ class Engine:
     def _round(self, passed: float) -> None:
         """Takes all active runs on for about `ROUND`, no faster than `speed`."""
         begun, left = time.perf_counter(), max(1, round(self.speed * min(passed, 4 * ROUND)))
+        if self.film is not None and self.film.going and not self._active():
+            self._go_on(self.film, left, begun)
+            return
         while left > 0 and self._active() and time.perf_counter() - begun < ROUND:
             left -= self._advance(left)
             if self._look is not None and self._looked > ROUND:  # it must not take all the time; `settle` makes up for it
                 self._look.last += REFRESH * int(self._looked / ROUND)
+        self._rest(begun)
+
+    def _rest(self, begun: float) -> None:
+        """To the end of a round that began then, unless somebody wants something."""
         spare = begun + ROUND - time.perf_counter()
-        if self._active() and spare > 0:
-            with self._wake:
-                if not self._calls:
-                    self._wake.wait(spare)
+        if self.going() and spare > 0:
+            self._inbox.pause(spare)
+
+    def _go_on(self, film: Film, most: int, begun: float) -> None:
+        """Takes the tubes on through the frames after the first."""
+        if not film.begun:
+            self._settle()
+            if self._active():
+                return
+            film.begin(self._parts)
+        film.go_on(most, begun + ROUND)
+        self._rest(begun)
 
     def _advance(self, most: int) -> int:
         """Takes all active runs on together, to the next look at what hides them; by how many iterations."""
         parts, active = [part.run for part in self._parts.values()], self._active()
+        if self.film is not None:  # tubes do not hide each other there
+            list(self._pool.map(lambda part: part.run.advance(most), active))
+            return most
         if self._look is None:
             self._look = Look(parts, self._settings, self._depth)
             self._look.again(max(run.iteration for run in parts))
@@ -220,7 +246,10 @@ class Engine:
 
     def _publish(self, at_once: bool) -> None:
         now = time.perf_counter()
-        if not at_once and self._active() and now - self._published < PUBLISH:
+        if not at_once and self.going() and now - self._published < PUBLISH:
+            return
+        if self.film is not None and (self.film.frame > 0 or self.film.begun):
+            self.snapshots, self._published = self.film.snapshots(), now
             return
         watched = self._parts.get(self.watched or -1)
         if watched is not None and (now - self._measured > MEASURE or not self._active()):
@@ -231,10 +260,42 @@ class Engine:
 
     # in the thread
 
-    def _show(self, views: list[View], settings: Settings, wishes: dict[int, Wish], fresh: bool) -> None:
-        if fresh:
-            self._go, self._mapped, self._maps = {}, [], {}
-            self._remove(list(self._parts))
+    def _open(self, frames: Sequence[Frames], tracking: Tracking) -> None:
+        """Another scene, of which nothing is known."""
+        self._go, self._mapped, self._maps = {}, [], {}
+        self._remove(list(self._parts))
+        self.film = Film(frames, tracking, self._ahead) if frames else None
+
+    def _set_tracking(self, on: bool) -> None:
+        film = self.film
+        if film is not None and self._parts:
+            film.tracking = on and film.count < film.length
+            if film.tracking and not film.begun:
+                self._set_going(True)
+
+    def _holder(self, uid: int) -> Film | Part | None:
+        """What holds what the mouse has taken hold of."""
+        return self.film if self.film is not None and self.film.frame > 0 else self._parts.get(uid)
+
+    def _back(self) -> None:
+        """To the first frame as it was before the tubes left it."""
+        if self.film is not None and self.film.begun:
+            self.film.forget()
+            for uid, part in list(self._parts.items()):
+                self._play(uid, part.wish, part.run.iteration)
+
+    def _in_film(self, film: Film, wishes: dict[int, Wish]) -> dict[int, Wish]:
+        """Takes in what is wished of frames after the first; what changes the first one takes the tubes back to it."""
+        first, springs = film.first_frame(wishes)
+        before = {uid: _fixed(part.wish) for uid, part in self._parts.items()}
+        if {uid: _fixed(wish) for uid, wish in first.items()} != before:
+            self._back()
+            film.frame = 0
+        film.change(springs)
+        return first
+
+    def _show(self, views: list[View], settings: Settings, wishes: dict[int, Wish]) -> None:
+        wishes = wishes if self.film is None else self._in_film(self.film, wishes)
         self._views, self._settings, self._look = views, settings, None
         self._remove([uid for uid in self._parts if uid not in wishes])
         mapped = [wish.structure for wish in wishes.values()]
@@ -287,20 +348,29 @@ class Engine:
 
     def _reset(self) -> None:
         self._look = None
+        if self.film is not None:
+            self.film.forget()
+            self.film.frame, self.film.springs = 0, {}
         for uid, part in list(self._parts.items()):
             loose = tuple(s for s in part.wish.tube.springs if s.stop is None)
             tube = replace(part.wish.tube, springs=tuple(replace(s, start=0) for s in loose))
             self._begin(uid, Wish(part.wish.structure, tube)).go = False
             self._go[uid] = False
 
-    def _hold(self, uid: int, point: tuple[float, float], mouse: tuple[float, ...], push: bool) -> None:
+    def _hold(self, uid: int, point: tuple[float, float], mouse: tuple[float, ...], push: bool, view: int) -> None:
+        if self.film is not None and self.film.frame > 0:
+            self.film.hold(uid, point, mouse, push, view)
+            return
+        self._back()
         part = self._parts.get(uid)
         if part is not None:
             part.go, self._look = True, None
             self._go[uid] = True
-            part.hold(point, mouse, push)
+            part.hold(point, mouse, push, view)
 
     def _settle(self) -> None:
+        if self.film is not None and self.film.begun:  # it was before they left the first frame
+            return
         if any(part.hides for part in self._parts.values()):  # then they go together
             for uid, part in list(self._parts.items()):
                 self._begin(uid, part.wish).go = True
@@ -311,6 +381,11 @@ class Engine:
         for uid, part in list(self._parts.items()):
             if not part.path:
                 self._play(uid, part.wish, part.run.iteration)
+
+
+def _fixed(wish: Wish) -> tuple:
+    """What makes another first frame of a moving scene if it changes."""
+    return wish.structure, wish.tube.springs, wish.tube.material
 
 
 def _same(a: Sequence[Foreground], b: Sequence[Foreground]) -> bool:

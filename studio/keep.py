@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from symseek.checks import SceneError
-from symseek.scene import find, load, read
+from symseek.scene import Scene, find, load, read
 
-from .session import PALETTE, Item, Session, State
+from .session import Session
+from .state import PALETTE, Item, State
 
 IMAGES = {".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".npy"}
 SCENE_MOST = 10_000_000
@@ -20,6 +21,10 @@ SCENE_MOST = 10_000_000
 LISTED = 500
 """Files that the picker shows."""
 AUTOSAVE = ".symseek-studio"
+PAIR = " + "
+"""Between the left and the right image of a stereo pair."""
+ALPHA = 0.2
+"""Of the paper's (15), for a pair that says nothing of it: depths are then right up to a factor."""
 
 
 class Folder:
@@ -63,12 +68,8 @@ class Folder:
         Raises:
             SceneError: the file is at fault, or lies outside the folder.
         """
-        if path.startswith("skimage:"):
-            state, base = State({"view": [{"image": path}], "name": path.removeprefix("skimage:")}), self.root
-        else:
-            full = find(self.inside(path))
-            state, base = (self._scene(full) if full.suffix == ".toml" else self._image(full)), full.parent
-        session = Session(state, base, Path(path).name)
+        state, base, scene = self._read(path)
+        session = Session(state, base, Path(path).name, scene)
         kept = self._autosave(path)
         if not kept.is_file():
             return session, False
@@ -76,17 +77,38 @@ class Folder:
             before = State.of(kept.read_text(encoding="utf-8"))
             if before.top["view"] != state.top["view"] or before == state:
                 return session, False
-            restored = Session(before, base, Path(path).name)
+            restored = Session(before, base, Path(path).name, scene)
         except (KeyError, ValueError):  # from another version, or the scene is another by now
             return session, False
         return restored, True
 
     def first(self, path: str) -> State:
         """What the file itself holds."""
-        full = find(self.inside(path))
-        return self._scene(full) if full.suffix == ".toml" else self._image(full)
+        return self._read(path)[0]
 
-    def _scene(self, full: Path) -> State:
+    def _read(self, path: str) -> tuple[State, Path, Scene | None]:
+        """State, folder of its images, and the scene if it was read for that."""
+        if path.startswith("skimage:"):
+            return State({"view": [{"image": path}], "name": path.removeprefix("skimage:")}), self.root, None
+        if PAIR in path and not (self.root / path).exists():
+            return self._pair(*path.split(PAIR, 1))
+        full = find(self.inside(path))
+        if full.suffix == ".toml":
+            state, scene = self._scene(full)
+            return state, full.parent, scene
+        return State({"name": _named(full), "view": [{"image": full.name}]}), full.parent, None
+
+    def _pair(self, left: str, right: str) -> tuple[State, Path, None]:
+        """Two photographs by two eyes side by side that look the same way."""
+        full = self.inside(left)
+        images = [full.name, os.path.relpath(self.inside(right), full.parent)]
+        views = [
+            {"name": name, "image": image, "projection": "stereo", "alpha": alpha}
+            for name, image, alpha in zip(("left", "right"), images, (ALPHA, -ALPHA), strict=True)
+        ]
+        return State({"name": _named(full), "view": views}), full.parent, None
+
+    def _scene(self, full: Path) -> tuple[State, Scene]:
         if full.is_file() and full.stat().st_size > SCENE_MOST:
             raise SceneError(full.name, "", f"has {full.stat().st_size / 1e6:.0f} MB", "a scene file is a few kB of text")
         text = read(full)
@@ -102,18 +124,10 @@ class Folder:
                     if isinstance(name, str) and not name.startswith("skimage:"):
                         self.inside(full.parent / os.path.expandvars(os.path.expanduser(name)))
         scene = load(full)
-        if len(scene.views) > 1 or scene.frames:
-            what = "moves" if scene.frames else f"has {len(scene.views)} views"
-            raise SceneError(full.name, "view", f"the scene {what}", "the studio shows one still image: use symseek run")
         top = {"name": scene.name, **{k: v for k, v in scene.text.items() if k != "object"}}
         tables = [{"name": scene.name, **table} for table in scene.text["object"]]
         items = [Item(k + 1, table, PALETTE[k % len(PALETTE)]) for k, table in enumerate(tables)]
-        return State.of(State(top, tuple(items)).text())
-
-    def _image(self, full: Path) -> State:
-        # as a name, letters that a file's name could not have go
-        name = "".join(c if c.isalnum() or c in " ._-" else "-" for c in full.stem).strip(" .")[:60] or "object"
-        return State({"name": name, "view": [{"image": full.name}]})
+        return State.of(State(top, tuple(items)).text()), scene
 
     def autosave(self, path: str, session: Session) -> None:
         """Keeps the state of what was opened as `path`."""
@@ -129,7 +143,7 @@ class Folder:
             SceneError: it is not finished, the name is no file's, or a file of that name was there before.
         """
         tables = {**session.tables(), "name": name}
-        Session(State({**session.state.top, "name": name}), session.base, session.source)  # checks the name
+        session.scenery.build(tables)  # checks the name
         return self.write(session, f"{name}.toml", toml(tables))
 
     def write(self, session: Session, name: str, text: str) -> Path:
@@ -144,6 +158,11 @@ class Folder:
         write_whole(full, text)
         self._ours.add(full)
         return full
+
+
+def _named(path: Path) -> str:
+    """A name for what an image shows: without letters that a file's name could not have."""
+    return "".join(c if c.isalnum() or c in " ._-" else "-" for c in path.stem).strip(" .")[:60] or "object"
 
 
 def _is_scene(path: Path) -> bool:

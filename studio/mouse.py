@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -31,27 +32,33 @@ class Mouse:
         """window and object of a pull."""
         self._dragged: tuple[int, int] | None = None
         """object and number of a point."""
+        self._painted: tuple[np.ndarray, set[tuple[int, int]]] | None = None
+        """where a stroke is, and the nodes on its way."""
         self._models: dict[int, Any] = {}
 
     def listen(self, drawing: Drawing) -> None:
         """Listens to a new photograph."""
-        self._held, self._dragged, self._models = None, None, {}
+        self._held, self._dragged, self._painted, self._models = None, None, None, {}
 
-        @drawing.picture.on_click
-        async def _(event: Any) -> None:
-            self._click(event, False)
+        for v, picture in enumerate(drawing.pictures):
+            picture.on_click(partial(self._clicked, v, False))
+            picture.on_click(modifier="shift")(partial(self._clicked, v, True))
+            picture.on_drag("left")(partial(self._dragged_over, v))
 
-        @drawing.picture.on_click(modifier="shift")
-        async def _(event: Any) -> None:
-            self._click(event, True)
+    async def _clicked(self, v: int, shift: bool, event: Any) -> None:
+        if v == self.page.eye:
+            self._click(event, shift)
 
-        @drawing.picture.on_drag("left")
-        async def _(event: Any) -> None:
-            start, end = (_on_photograph(event.client, p) for p in (event.start_position, event.end_position))
-            if self.page.tool == "Draw":
-                self._drag_point(event, start, end)
-            else:
-                self._pull(event, start, end, None)
+    async def _dragged_over(self, v: int, event: Any) -> None:
+        if v != self.page.eye:
+            return
+        start, end = (_on_photograph(event.client, p) for p in (event.start_position, event.end_position))
+        if self.page.tool == "Draw":
+            self._drag_point(event, start, end)
+        elif self.page.tool == "Crease":
+            self._paint(event, start, end)
+        else:
+            self._pull(event, start, end, None)
 
     def listen_to_models(self, drawing: Drawing) -> None:
         """Listens to models in space that are new."""
@@ -68,22 +75,25 @@ class Mouse:
         origin, ray = np.array(event.ray_origin), np.array(event.ray_direction)
         place = (origin - ray * origin[2] / ray[2])[:2]
         near, page = _near(event.client), self.page
-        tool = page.tool
+        if page.engine.frame > 0:
+            page.tell("The first frame", "axes, creases, gaps and marks are its own; go back to it")
+            return
+        tool, view = page.tool, page.eye
 
         def do(session: Session) -> None:
             uid = page.chosen if page.chosen is not None else session.add()
             page.chosen = uid
             if tool == "Draw":
-                points = session.item(uid).points
+                points = session.axis(uid, view)
                 hit = _nearest(points, place, near)
                 if shift and hit is not None:
-                    session.remove_point(uid, hit)
+                    session.remove_point(uid, hit, view)
                 elif not shift and hit is None:
-                    session.add_point(uid, place, _between(points, place, near))
+                    session.add_point(uid, place, _between(points, place, near), view)
             elif tool in ("Crease", "Gap"):
-                session.break_at(uid, place, "tangent" if tool == "Crease" else "position")
+                session.break_at(uid, place, "tangent" if tool == "Crease" else "position", view)
             else:
-                session.mark(uid, place)
+                session.mark(uid, place, view)
 
         if tool in ("Draw", "Crease", "Gap", "Not here"):
             page.act(do)
@@ -93,14 +103,38 @@ class Mouse:
         if session is None or uid is None:
             return
         if event.phase == "start":
-            hit = _nearest(session.item(uid).points, start, 1.5 * _near(event.client))
+            item = session.item(uid)
+            points = [] if item.in_world else session.axis(uid, self.page.eye)
+            hit = _nearest(points, start, 1.5 * _near(event.client))
             self._dragged = None if hit is None else (uid, hit)
         if self._dragged is not None:
             held = self._dragged
-            self.page.act(lambda s: s.move_point(*held, end))
+            self.page.act(lambda s: s.move_point(*held, end, self.page.eye))
         if event.phase == "end":
             self._dragged = None
             session.end_of_drag()
+
+    def _paint(self, event: Any, start: np.ndarray, end: np.ndarray) -> None:
+        """A stroke over the chosen model: nodes on its way lose their rigidity."""
+        page = self.page
+        s = page.engine.snapshots.get(page.chosen or -1)
+        if page.session is None or s is None or page.chosen is None or page.engine.frame > 0:
+            return
+        uid, view = page.chosen, page.session.views[page.eye]
+        if event.phase == "start":
+            self._painted = (start, set())
+        if self._painted is None:
+            return
+        before, nodes = self._painted
+        nx, ns = s.tube.shape[:2]
+        for share in np.linspace(0, 1, 2 + int(np.linalg.norm(end - before) / 2)):
+            x, along = material_point(s, away_from(s, view, before + share * (end - before)))
+            nodes.add((round(x * nx) % nx, round(along * (ns - 1))))
+        self._painted = (end, nodes)
+        if event.phase == "end":
+            page.act(lambda session: session.paint(uid, sorted(nodes)))
+            page.session.end_of_drag()
+            self._painted = None
 
     def _pull(self, event: Any, start: np.ndarray, end: np.ndarray, uid: int | None) -> None:
         """A drag: on the photograph, points (column, row); on a model in space, points in the viewer's space."""
@@ -113,20 +147,21 @@ class Mouse:
             if found is None:
                 return
             self._held = (event.client_id, found[0])
-            page.engine.grab(*found, anchor, push=page.tool == "Push")
+            page.engine.grab(*found, anchor, push=page.tool == "Push", view=page.eye)
         if self._held is None or self._held[0] != event.client_id:
             return
         held = self._held[1]
         page.engine.drag(held, anchor)
         if event.phase == "end":
             self._held = None
-            page.engine.let_go(held, page.tool == "Pin").add_done_callback(lambda made: page.record(held, made.result()))
+            kept = page.tool == "Pin"
+            page.engine.let_go(held, kept).add_done_callback(lambda made: page.record(held, made.result()))
 
     def _grabbed(self, place: np.ndarray, uid: int | None) -> tuple[int, tuple[float, float]] | None:
         """Which object is taken hold of, and where on it."""
         page = self.page
         assert page.session is not None and page.drawing is not None
-        snapshots, view = page.engine.snapshots, page.session.view
+        snapshots, view = page.engine.snapshots, page.session.views[page.eye]
         if uid is not None:
             s = snapshots.get(uid)
             at = page.drawing.frame.world(place)

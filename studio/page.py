@@ -13,6 +13,7 @@ import viser
 
 from symseek.checks import SceneError
 from symseek.pipeline import run as run_scene
+from symseek.sim.initial import lift
 from symseek.sim.spring import Spring
 
 from .controls import Controls
@@ -21,7 +22,8 @@ from .engine import Engine
 from .keep import Folder
 from .mouse import Mouse
 from .part import Snapshot, Wish
-from .session import Item, Session, structure
+from .session import Session
+from .state import Item
 
 RATE = 30
 """Most updates of the page a second."""
@@ -50,13 +52,17 @@ class Page:
         self.session: Session | None = None
         self.path = ""
         self.chosen: int | None = None
-        self.tool, self.in_space = "Draw", False
+        self.tool, self.in_space, self.eye = "Draw", False, 0
         self.updates = 0
         self.told, self._told_at = ("", ""), 0.0
         self.drawing: Drawing | None = None
         self.mouse = Mouse(self)
         self._plot: dict[int, list[tuple[int, float, float]]] = {}
         self._changed = True
+        self._fitted: dict[int, tuple[float, np.ndarray]] = {}
+        """for which aspect each window's eye was put where."""
+        self._pictured: list[int] = []
+        """which frame each view's photograph shows."""
         self._closed = threading.Event()
         self.controls = Controls(self)
         server.on_client_connect(self._welcome)
@@ -70,21 +76,25 @@ class Page:
 
         def do() -> None:
             session, restored = self.folder.open(path)
-            frame = Frame(session.view, session.depth)
+            frames = [Frame(view, depth) for view, depth in zip(session.views, session.depths(), strict=True)]
             with self.lock, self._painting:
                 self.session, self.path = session, path
-                self.drawing = Drawing(self.server.scene, session.view, frame)
-                self._plot, self.in_space = {}, False
+                self.drawing = Drawing(self.server.scene, session.views, frames)
+                self._plot, self.in_space, self.eye = {}, False, 0
                 items = session.state.items
                 self.chosen = items[0].uid if items else session.add()
                 self.mouse.listen(self.drawing)
-                self.engine.show(session.views, session.settings(), self._wishes(), fresh=True)
+                self._pictured = [0] * len(session.views)
+                self.engine.show(
+                    session.views, session.settings(), self._wishes(), True, session.frames, session.scenery.tracking
+                )
             if restored:
                 self.tell("Brought back", "what you had made of it before; *Start over* takes the file as it is.")
             for client in self.server.get_clients().values():
                 self._through_camera(client)
 
         self.attempt(do)
+        self.attempt(self.controls.list_files)
         self.refresh()
 
     def attempt(self, what: Callable[[], Any]) -> bool:
@@ -144,13 +154,20 @@ class Page:
     def _wishes(self) -> dict[int, Wish]:
         assert self.session is not None
         tubes = [(item, self.session.tube(item)) for item in self.session.state.items]
-        return {item.uid: Wish(structure(item), tube) for item, tube in tubes if tube is not None}
+        return {item.uid: Wish(item.structure(), tube) for item, tube in tubes if tube is not None}
 
     # the eye
 
     def _welcome(self, client: viser.ClientHandle) -> None:
         self.attempt(lambda: self._through_camera(client))
         self.refresh()
+
+        @client.camera.on_update
+        async def _(camera: viser.CameraHandle) -> None:
+            set_for, place = self._fitted.get(client.client_id, (camera.aspect, camera.position))
+            untouched = np.abs(camera.position - place).max() < 1e-3 * np.abs(place).max()
+            if untouched and not self.in_space and abs(camera.aspect / set_for - 1) > 0.01:  # a panel takes its room, say
+                self.attempt(lambda: self._through_camera(client))
 
     def _through_camera(self, client: viser.ClientHandle) -> None:
         """Puts a window's eye where the whole photograph fills it."""
@@ -165,10 +182,14 @@ class Page:
             camera.near, camera.far, camera.fov = 0.01 * away, 20 * away, FOV
             camera.up_direction = (0.0, -1.0, 0.0)
             camera.position, camera.look_at = middle - [0, 0, away], middle
+        self._fitted[client.client_id] = aspect, middle - [0, 0, away]
 
-    def look(self, client: viser.ClientHandle, in_space: bool) -> None:
-        """Through the camera, or at the models in space."""
-        self.in_space = in_space
+    def look(self, client: viser.ClientHandle, in_space: bool, eye: int | None = None) -> None:
+        """Through the camera of a view, by its number, or at the models in space before it."""
+        with self.lock, self._painting:
+            self.in_space, self.eye = in_space, self.eye if eye is None else eye
+            if self.drawing is not None:
+                self.drawing.look(self.eye, in_space)
         self._through_camera(client)
         if in_space and self.drawing is not None:
             with client.atomic():
@@ -182,13 +203,8 @@ class Page:
 
     def record(self, uid: int, springs: Sequence[Spring]) -> None:
         """What was pulled becomes a step."""
-        tables = []
-        for s in springs:
-            table = {"anchor": list(s.anchor), "stiffness": s.stiffness, "start": s.start}
-            table |= {"point": list(s.point)} if s.point is not None else {"reach": s.reach}
-            tables.append(table | ({"stop": s.stop} if s.stop is not None else {}))
-        if tables:
-            self.act(lambda session: session.record(uid, tables))
+        if springs:
+            self.act(lambda session: session.record(uid, session.written(springs)))
 
     def run(self, what: str) -> None:
         """Run, pause, step or reset."""
@@ -206,6 +222,21 @@ class Page:
             self.act(lambda session: session.forget_pulls())
         self._changed = True
 
+    def film(self, what: str) -> None:
+        """Track, stop, or a frame back or on."""
+        if what in ("Track", "Stop"):
+            if what == "Track" and self.session is not None and not self._wishes():
+                self.tell("Nothing to track", "click two points or more along the object's axis")
+            self.engine.track(what == "Track")
+        else:
+            self.see(self.engine.frame + (1 if what == "Next" else -1))
+        self._changed = True
+
+    def see(self, frame: int) -> None:
+        """Shows a frame."""
+        self.engine.see(frame)
+        self._changed = True
+
     def undo(self, what: str) -> None:
         """Undo or redo."""
         self.act(lambda session: session.undo() if what == "Undo" else session.redo())
@@ -221,6 +252,7 @@ class Page:
             full = self._saved(name)
             self.engine.settle()
             rest = "" if self.engine.at_rest() else " It is not at rest yet; `symseek run` goes on until it is."
+            self.controls.list_files()
             self.tell("Saved", f"`{full.relative_to(self.folder.root)}`.{rest}", "green")
 
         self.attempt(do)
@@ -299,6 +331,7 @@ class Page:
             return
         colours = self._colours()
         snapshots = {uid: s for uid, s in snapshots.items() if uid in colours}
+        self._picture(session, drawing)
         with self.server.atomic():
             drawing.models(snapshots, colours, self.in_space)
             drawing.axes([self._axis(item) for item in session.state.items if item.is_tube])
@@ -306,21 +339,39 @@ class Page:
         self.engine.watched = self.chosen
         s = snapshots.get(self.chosen) if self.chosen is not None else None
         if self.chosen is not None and s is not None:
+            error = s.off if s.frame else s.support[0] if s.support else np.nan
             line = self._plot.setdefault(self.chosen, [])
             if line and line[-1][0] > s.iteration:
                 line.clear()
             if not line or s.iteration > line[-1][0]:
-                line.append((s.iteration, s.residual, s.support[0] if s.support else np.nan))
+                line.append((s.iteration, s.residual, error))
                 del line[:-KEPT]
         self.controls.follow(s, self._plot.get(self.chosen or -1, []))
         self.updates += 1
 
+    def _picture(self, session: Session, drawing: Drawing) -> None:
+        """Shows the frame in hand."""
+        film, frame = self.engine.film, self.engine.frame
+        if film is None or not session.moving or self._pictured[self.eye] == frame:
+            return
+        images = film.reel.known(frame) or self.engine.picture(frame).result()
+        if not isinstance(images, str):
+            drawing.picture(self.eye, images[self.eye])
+        self._pictured[self.eye] = frame
+
     def _axis(self, item: Item) -> tuple[np.ndarray, str, bool]:
         assert self.session is not None
-        points = np.array(item.points or np.zeros((0, 2)), float)
-        if points.shape[1] == 3:
-            points = self.session.view.camera.project(points)
-        return points, item.colour, item.uid == self.chosen and self.tool == "Draw"
+        session, view = self.session, self.session.views[self.eye]
+        if self.engine.frame > 0:
+            return np.zeros((0, 2)), item.colour, False
+        chosen = item.uid == self.chosen and self.tool == "Draw"
+        points = np.array(item.axes(session.view.name).get(view.name) or np.zeros((0, 2)), float)
+        tube = None if len(points) else session.tube(item)
+        if tube is None:
+            return points, item.colour, chosen
+        spine = np.asarray(tube.spine, float)  # not drawn here: as it lies in the world
+        world = spine if spine.shape[1] == 3 else lift(spine, session.view.camera, tube.depth)
+        return view.camera.project(world), item.colour, False
 
     def close(self) -> None:
         """Ends the drawing."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 
@@ -33,7 +33,7 @@ class Wish:
     """An object as it should be."""
 
     structure: str
-    """see `session.structure`."""
+    """see `Item.structure`."""
     tube: Tube
 
 
@@ -55,9 +55,15 @@ class Snapshot:
     converged: bool
     diverged: bool
     pulls: list[np.ndarray]
-    """springs that hold, image points (2, 2) each."""
+    """springs that hold, from the object to the anchor, shape (2, 3) each."""
     support: tuple[float, float] | None = None
-    """mean distance of the contour from its edge [px] and supported share, when last measured."""
+    """mean distance of the contour from its edge [px] and supported share, over all views, when last measured."""
+    frame: int = 0
+    """of a moving scene; what follows is of those after the first."""
+    note: str = ""
+    """why it is not to be trusted, or nothing."""
+    off: float = 0.0
+    """mean way of the contour to its edges [px]."""
 
 
 @dataclass
@@ -76,13 +82,48 @@ class Grip:
         way = np.asarray(mouse, float) - self.places[0]
         return [tuple(map(float, at)) for at in self.places + self.shares[:, None] * way]
 
+    def move(
+        self, mouse: Sequence[float], listed: list[Spring], now: int,
+        pull: Callable[[int, Spring], int], let_go: Callable[[int], None],
+    ) -> None:  # fmt: skip
+        """The mouse goes elsewhere: other springs take the place of those that have pulled."""
+        held, anchors = [listed[i] for i in self.springs], self.anchors(mouse)
+        if anchors == [s.anchor for s in held]:
+            return
+        if held[0].start == now:  # they have not pulled yet
+            for i, anchor in zip(self.springs, anchors, strict=True):
+                listed[i] = replace(listed[i], anchor=anchor)
+            return
+        for i in self.springs:
+            let_go(i)
+        self.springs = [pull(0, replace(s, anchor=a, start=now)) for s, a in zip(held, anchors, strict=True)]
+
+
+def gripped(
+    tube: np.ndarray, views: Sequence[View], point: tuple[float, float], mouse: tuple[float, ...], push: bool, view: int
+) -> tuple[Grip, list[Spring]]:
+    """What the mouse takes hold of on a tube, and the springs that do; see `Engine.grab`."""
+    if push:
+        reach = REACH * min(views[view].image.shape[:2])
+        return Grip([], np.array([mouse]), np.ones(1)), [Spring(mouse, reach=reach, stiffness=PUSH, view=view)]
+    nx, ns, _ = tube.shape
+    i, j, far = round(point[0] * nx) % nx, round(point[1] * (ns - 1)), max(1, round(GRIP * (ns - 1)))
+    rings = np.arange(max(j - far, 0), min(j + far, ns - 1) + 1)
+    rings = rings[np.argsort(np.abs(rings - j), kind="stable")]
+    places = tube[i, rings] if len(mouse) == 3 else views[view].camera.project(tube[i, rings])
+    grip = Grip([], places, np.exp(-0.5 * ((rings - j) / (0.5 * far)) ** 2))
+    tied = [(i / nx, float(ring / (ns - 1))) for ring in rings]
+    return grip, [
+        Spring(anchor, at, stiffness=STRENGTH, view=view) for at, anchor in zip(tied, grip.anchors(mouse), strict=True)
+    ]
+
 
 class Part:
     """One object's run, and what the mouse does to it; called by the engine's thread alone.
 
     Args:
         wish: the object.
-        views: images and cameras; the mouse is in the first.
+        views: images and cameras.
         maps: its foreground map in each view.
         settings: of the solver.
         device: Warp device.
@@ -92,7 +133,7 @@ class Part:
     def __init__(
         self, wish: Wish, views: list[View], maps: list[Foreground], settings: Settings, device: str, ahead: Executor
     ):
-        self.wish, self.view, self.map = wish, views[0], maps
+        self.wish, self.views, self.map = wish, views, maps
         self.run = Relaxation(Assembly(views, [wish.tube], settings, device, [maps]), ahead)
         self.go = False
         """it goes on, unless it is done."""
@@ -106,42 +147,16 @@ class Part:
         """Whether there is something to do."""
         return self.go and not self.run.done
 
-    def hold(self, point: tuple[float, float], mouse: tuple[float, ...], push: bool) -> None:
+    def hold(self, point: tuple[float, float], mouse: tuple[float, ...], push: bool, view: int = 0) -> None:
         """See `Engine.grab`."""
         self.let_go(False)
-        if push:
-            reach = REACH * min(self.view.image.shape[:2])
-            volcano = self.run.pull(0, Spring(mouse, reach=reach, stiffness=PUSH))
-            self.held = Grip([volcano], np.array([mouse]), np.ones(1))
-            return
-        tube, _ = self.run.scene.world(0)
-        nx, ns, _ = tube.shape
-        i, j, far = round(point[0] * nx) % nx, round(point[1] * (ns - 1)), max(1, round(GRIP * (ns - 1)))
-        rings = np.arange(max(j - far, 0), min(j + far, ns - 1) + 1)
-        rings = rings[np.argsort(np.abs(rings - j), kind="stable")]
-        places = tube[i, rings] if len(mouse) == 3 else self.view.camera.project(tube[i, rings])
-        grip = Grip([], places, np.exp(-0.5 * ((rings - j) / (0.5 * far)) ** 2))
-        for ring, anchor in zip(rings, grip.anchors(mouse), strict=True):
-            tied = (i / nx, float(ring / (ns - 1)))
-            grip.springs.append(self.run.pull(0, Spring(anchor, tied, stiffness=STRENGTH)))
-        self.held = grip
+        self.held, springs = gripped(self.run.scene.world(0)[0], self.views, point, mouse, push, view)
+        self.held.springs = [self.run.pull(0, spring) for spring in springs]
 
     def drag(self, mouse: tuple[float, ...]) -> None:
         """See `Engine.drag`."""
-        grip = self.held
-        if grip is None:
-            return
-        listed, now = self.run.scene.springs.list, self.run.iteration
-        held, anchors = [listed[i] for i in grip.springs], grip.anchors(mouse)
-        if anchors == [s.anchor for s in held]:
-            return
-        if held[0].start == now:  # they have not pulled yet
-            for i, anchor in zip(grip.springs, anchors, strict=True):
-                listed[i] = replace(listed[i], anchor=anchor)
-            return
-        for i in grip.springs:
-            self.run.let_go(i)
-        grip.springs = [self.run.pull(0, replace(s, anchor=a, start=now)) for s, a in zip(held, anchors, strict=True)]
+        if self.held is not None:
+            self.held.move(mouse, self.run.scene.springs.list, self.run.iteration, self.run.pull, self.run.let_go)
 
     def let_go(self, pin: bool) -> list[Spring]:
         """See `Engine.let_go`."""
@@ -175,11 +190,12 @@ class Part:
         """Mean distance of the contour from its edges [px], and the share that has some."""
         if not self.run.potentials:
             return
-        scene = self.run.scene
-        space = scene.spaces[0][0]
-        inside = space.inside if scene.settings.potential == "map" else np.zeros((0, 0))
-        pieces = occluding_contour(scene.world(0)[0], self.view.camera, scene.weights.cuts[0])
-        found = [contour_support(p, n, self.run.potentials[0][0], inside, self.map[0].half_width) for p, n in pieces]
+        scene, found = self.run.scene, []
+        tube, cuts = scene.world(0)[0], scene.weights.cuts[0]
+        for view, space, potential, m in zip(self.views, scene.spaces[0], self.run.potentials[0], self.map, strict=True):
+            inside = space.inside if scene.settings.potential == "map" else np.zeros((0, 0))
+            for points, normals in occluding_contour(tube, view.camera, cuts):
+                found.append(contour_support(points, normals, potential, inside, m.half_width))
         measures = support_measures(found)
         self.measured = measures["contour_residual_px"]["mean"], measures["supported_share"]
 
@@ -187,7 +203,7 @@ class Part:
         """Where it is."""
         run = self.run
         tube, spine = run.scene.world(0)
-        pulls = run.scene.springs.segments(0, run.scene.state.tube.numpy())
+        pulls = run.scene.springs.in_space(0, run.scene.state.tube.numpy())
         return Snapshot(
             tube, spine, list(run.scene.weights.cuts[0]), run.iteration, run.stage, run.stages, run.sigma, run.residual,
             run.done, run.converged, run.diverged, pulls, self.measured,

@@ -23,7 +23,7 @@ from websockets.http11 import Request, Response
 from symseek.checks import SceneError
 
 from .engine import Engine
-from .keep import Folder
+from .keep import PAIR, Folder
 from .page import Page
 
 LOCAL = {"127.0.0.1", "localhost", "::1"}
@@ -98,18 +98,20 @@ class Studio:
     """Server, engine and page together; `close` ends them.
 
     Args:
-        paths: what to open, the first of them, or to choose from.
+        paths: what to open: a scene file, an image, or the left and the right one of a stereo pair.
         root: folder that may be read and written.
         host, port: to listen at; port 0 is any free one.
         device: Warp device.
 
     Raises:
-        SceneError: a path lies outside the folder.
+        SceneError: a path lies outside the folder, or they are no pair.
     """
 
     def __init__(self, paths: Sequence[str], root: Path, host: str = "127.0.0.1", port: int = 8080, device: str = "cpu"):
         self.folder = Folder(root)
         shown = [p if p.startswith("skimage:") else str(self.folder.inside(p).relative_to(self.folder.root)) for p in paths]
+        if len(shown) > 2 or (len(shown) == 2 and any(p.endswith(".toml") for p in shown)):
+            raise SceneError(shown[-1], "", "is one too many", "give a scene file, an image, or two images of a stereo pair")
         self.token = "" if host in LOCAL else secrets.token_urlsafe(16)
         with Guard(self.token).stands():
             self.server = viser.ViserServer(host=host, port=port, verbose=False)
@@ -120,7 +122,7 @@ class Studio:
         name = "127.0.0.1" if host in LOCAL else host
         self.address = f"http://{name}:{self.server.get_port()}/" + (f"?token={self.token}" if self.token else "")
         if shown:
-            self.page.open(shown[0])
+            self.page.open(PAIR.join(shown[:2]))
 
     def close(self) -> None:
         """Ends all threads."""

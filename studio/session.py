@@ -7,83 +7,30 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from symseek.checks import SceneError, as_annotated
-from symseek.scene import Scene, build
+from symseek.scene import Scene
+from symseek.sim.fields import as_field
+from symseek.sim.foreground import axis_curve
+from symseek.sim.initial import lift
+from symseek.sim.material import Material
 from symseek.sim.problem import Settings, Tube, View
+from symseek.sim.spring import Spring
 
-Point = Sequence[float] | np.ndarray
-"""Image point (column, row)."""
-PALETTE = ("#2f9ef4", "#f28e2b", "#59a14f", "#e15759", "#b07aa1", "#edc948", "#76b7b2", "#ff9da7")
+from .scenery import Scenery, meeting
+from .state import PALETTE, Item, Point, State, axes_as_keys, events_of, is_pin, rounded, within
+
 DEPTH_GAP = 0.25
 """Between two objects that the user puts one before the other [shorter sides of the image; depths, if perspective]."""
 STEPS_MOST = 1000
 """Steps that can be undone."""
-_STAND_IN = [[0.0, 0.0], [12.0, 0.0]]  # fits any image: a scene needs an axis
-
-
-@dataclass(frozen=True)
-class Item:
-    """One object."""
-
-    uid: int
-    """stays the same while it lives."""
-    table: Mapping[str, Any]
-    """keys of an [[object]]; never changed in place. An axis of fewer than two points is one still being drawn."""
-    colour: str
-    """"#rrggbb"."""
-
-    @property
-    def name(self) -> str:
-        return self.table.get("name", "object")
-
-    @property
-    def is_tube(self) -> bool:
-        """Snakes and sheets are kept, but neither drawn nor run here."""
-        return self.table.get("kind", "tube") == "tube"
-
-    @property
-    def depth(self) -> float:
-        """In the order of depth; 0 where it is to be found from the image."""
-        given = self.table.get("depth", 0.0)
-        return 0.0 if given == "auto" else given
-
-    @property
-    def points(self) -> list[list[float]]:
-        """The rough axis."""
-        return list(self.table.get("spine", []))
-
-
-@dataclass(frozen=True)
-class State:
-    """All that undo brings back."""
-
-    top: Mapping[str, Any]
-    """tables of the scene but its objects."""
-    items: tuple[Item, ...] = ()
-
-    def text(self) -> str:
-        """As JSON."""
-        items = [{"uid": i.uid, "table": i.table, "colour": i.colour} for i in self.items]
-        return json.dumps({"top": self.top, "items": items})
-
-    @classmethod
-    def of(cls, text: str) -> State:
-        """From what `text` wrote.
-
-        Raises:
-            ValueError: it is something else.
-        """
-        try:
-            data = json.loads(text)
-            return cls(data["top"], tuple(Item(**item) for item in data["items"]))
-        except (KeyError, TypeError) as problem:
-            raise ValueError(f"not a state of the studio: {problem}") from problem
+PAINTED = ("w20", "w11", "w02")
+"""Rigidities that are 0 where a crease is painted."""
 
 
 class Session:
@@ -93,32 +40,33 @@ class Session:
         state: to begin with.
         base: folder that image paths are relative to.
         source: what messages call the scene.
+        scene: the same with its images read, if it is there already.
 
     Raises:
         SceneError: the scene is at fault, see `symseek.load`.
     """
 
-    def __init__(self, state: State, base: Path, source: str):
+    def __init__(self, state: State, base: Path, source: str, scene: Scene | None = None):
         self.state, self.base, self.source = state, base, source
         self._past: list[tuple[State, str]] = []
         self._future: list[tuple[State, str]] = []
         self._merging: object = None
-        stand_in = {**state.top, "object": [{"name": "object", "spine": _STAND_IN, "depth": 1.0}]}
-        scene = build(stand_in, base, source)
-        self.views: list[View] = scene.views
-        self.scale, self.name, self._settings = scene.scale, scene.name, scene.settings
-        masks = [{} if v.ignore is None else {"ignore": v.ignore.astype(float)} for v in scene.views]
-        self._read = [{"image": v.image, **mask} for v, mask in zip(scene.views, masks, strict=True)]
-        self._tubes: dict[str, Tube] = {}
+        self.scenery = Scenery(state.top, base, source, scene)
+        self.views, self.frames, self.name = self.scenery.views, self.scenery.frames, self.scenery.name
         for item in state.items:
-            self._check(item)
+            self.scenery.check(item, state.top)
 
     # reading
 
     @property
     def view(self) -> View:
-        """The first one, which is drawn on."""
+        """The first one."""
         return self.views[0]
+
+    @property
+    def moving(self) -> bool:
+        """Whether the scene has frames."""
+        return bool(self.frames)
 
     @property
     def depth(self) -> float:
@@ -133,9 +81,19 @@ class Session:
                 return tube.depth if flat else float((spine @ camera.matrix[2, :3] + camera.matrix[2, 3]).mean())
         return 1.0
 
-    def _views(self, top: Mapping[str, Any]) -> list[dict[str, Any]]:
-        """Tables of the views, with their images as they were read."""
-        return [{**table, **read} for table, read in zip(top["view"], self._read, strict=True)]
+    def depths(self) -> list[float]:
+        """For each view how deep what is looked at lies, as `initial.lift` counts it: where the first object is."""
+        if len(self.views) == 1:
+            return [self.depth]
+        cameras = [view.camera for view in self.views]
+        tube = next((t for t in map(self.tube, self.state.items) if t is not None), None)
+        if tube is None:
+            sizes = [np.array(view.image.shape[1::-1]) for view in self.views]
+            at = meeting(cameras, [(size - 1) / 2 for size in sizes])
+        else:
+            spine = np.asarray(tube.spine, float)
+            at = (spine if spine.shape[1] == 3 else lift(spine, cameras[0], tube.depth)).mean(axis=0)
+        return [float(c.distance(at)) if c.affine else float(c.matrix[2, :3] @ at + c.matrix[2, 3]) for c in cameras]
 
     def item(self, uid: int) -> Item:
         """Object `uid`.
@@ -150,17 +108,11 @@ class Session:
 
     def tube(self, item: Item) -> Tube | None:
         """The object as the solver takes it; None while its axis is still being drawn, and for snakes and sheets."""
-        if not item.is_tube or len(item.points) < 2:
-            return None
-        key = json.dumps(item.table)
-        if key not in self._tubes:
-            self._tubes = {k: self._tubes[k] for k in list(self._tubes)[-200:]}
-            self._tubes[key] = self._built(item).tubes[0]
-        return self._tubes[key]
+        return self.scenery.tube(item, self.state.top)
 
     def settings(self) -> Settings:
         """Of the solver."""
-        return replace(self._settings, **self._iterations)
+        return replace(self.scenery.settings, **self._iterations)
 
     @property
     def _iterations(self) -> dict[str, int]:
@@ -176,8 +128,8 @@ class Session:
         """
         if not self.state.items:
             raise SceneError(self.source, "object", "there is none yet", "click points along the axis of one")
-        data = {**self.state.top, "object": [dict(item.table) for item in self.state.items]}
-        build({**data, "view": self._views(self.state.top)}, self.base, self.source)
+        data = {**self.state.top, "object": [item.for_file() for item in self.state.items]}
+        self.scenery.build(data)
         return data
 
     @property
@@ -232,22 +184,11 @@ class Session:
             raise SceneError(self.source, item.name, f"is a {kind}", "it is kept in the file; edit it there")
         table = {k: v for k, v in {**item.table, **values}.items() if v is not None}
         if redrawn and "spring" in table:
-            pins = [s for s in table.pop("spring") if s.get("stop") is None]
+            pins = [s for s in table.pop("spring") if is_pin(s)]
             table |= {"spring": pins} if pins else {}
         changed = replace(item, table=json.loads(json.dumps(table)))
-        self._check(changed, top)
+        self.scenery.check(changed, top or self.state.top)
         self._do(label, [changed if i.uid == uid else i for i in self.state.items], merging, top)
-
-    def _check(self, item: Item, top: Mapping[str, Any] | None = None) -> None:
-        if item.is_tube and len(item.points) < 2:
-            item = replace(item, table={**item.table, "spine": _STAND_IN})
-        self._built(item, top)
-
-    def _built(self, item: Item, top: Mapping[str, Any] | None = None) -> Scene:
-        top = top or self.state.top
-        return build(
-            {**top, "view": self._views(top), "object": [{"name": item.name, **item.table}]}, self.base, self.source
-        )
 
     # actions
 
@@ -278,7 +219,7 @@ class Session:
         if any(i.name == name and i.uid != uid for i in self.state.items):
             raise SceneError(self.source, "name", f"{name!r} is another object's", "give it a name of its own")
         renamed = replace(self.item(uid), table={**self.item(uid).table, "name": name})
-        self._check(renamed)
+        self.scenery.check(renamed, self.state.top)
         self._do("a name", [renamed if i.uid == uid else i for i in self.state.items], ("name", uid))
 
     def recolour(self, uid: int, colour: str) -> None:
@@ -289,13 +230,15 @@ class Session:
 
     def move(self, uid: int, by: int) -> None:
         """Moves an object in the order of depth, `by` places away from the viewer."""
+        if len(self.views) > 1:
+            raise SceneError(self.source, "depth", "several views tell it", "draw the axis in two of them")
         self.item(uid)
         ranked = sorted((i for i in self.state.items if i.is_tube), key=lambda i: i.depth)
         depths = [i.depth for i in ranked]
         k = next((n for n, i in enumerate(ranked) if i.uid == uid), 0)
         to = min(max(k + by, 0), len(ranked) - 1)
         affine = self.view.camera.affine
-        gap = DEPTH_GAP * (min(self.view.image.shape[:2]) * self.scale if affine else max(depths[0], 1e-6))
+        gap = DEPTH_GAP * (min(self.view.image.shape[:2]) * self.scenery.scale if affine else max(depths[0], 1e-6))
         for n in range(1, len(depths)):
             depths[n] = max(depths[n], depths[n - 1] + gap)
         ranked.insert(to, ranked.pop(k))
@@ -305,32 +248,43 @@ class Session:
             if i.table.get("depth", 0.0) != d
         }
         for item in changed.values():
-            self._check(item)
+            self.scenery.check(item, self.state.top)
         self._do("the order of depth", [changed.get(i.uid, i) for i in self.state.items])
 
-    def add_point(self, uid: int, point: Point, at: int | None = None) -> None:
-        """One more point (column, row) of the rough axis, the last or before point `at`."""
-        points = self._flat(uid)
-        points.insert(len(points) if at is None else at, _rounded(point))
-        self._change(uid, "a point", {"spine": points})
+    def add_point(self, uid: int, point: Point, at: int | None = None, view: int = 0) -> None:
+        """One more point (column, row) of the rough axis in a view, the last or before point `at`."""
+        points = self.axis(uid, view)
+        points.insert(len(points) if at is None else at, rounded(point))
+        self._redraw(uid, view, points, "a point")
 
-    def move_point(self, uid: int, at: int, point: Point) -> None:
+    def move_point(self, uid: int, at: int, point: Point, view: int = 0) -> None:
         """Moves point `at`; one drag is one step, see `end_of_drag`."""
-        points = self._flat(uid)
-        points[_within(at, points, self.source)] = _rounded(point)
-        self._change(uid, "moving a point", {"spine": points}, ("point", uid, at))
+        points = self.axis(uid, view)
+        points[within(at, points, self.source)] = rounded(point)
+        self._redraw(uid, view, points, "moving a point", ("point", uid, at, view))
 
-    def remove_point(self, uid: int, at: int) -> None:
+    def remove_point(self, uid: int, at: int, view: int = 0) -> None:
         """Deletes point `at`."""
-        points = self._flat(uid)
-        del points[_within(at, points, self.source)]
-        self._change(uid, "deleting a point", {"spine": points})
+        points = self.axis(uid, view)
+        del points[within(at, points, self.source)]
+        self._redraw(uid, view, points, "deleting a point")
 
-    def _flat(self, uid: int) -> list[list[float]]:
-        points = self.item(uid).points
-        if any(len(p) == 3 for p in points):
+    def axis(self, uid: int, view: int = 0) -> list[list[float]]:
+        """Points of the rough axis in a view.
+
+        Raises:
+            SceneError: it is given in the world.
+        """
+        item = self.item(uid)
+        if item.in_world:
             raise SceneError(self.source, "spine", "is given in the world", "edit it in the scene file")
-        return points
+        if view not in range(len(self.views)):
+            raise SceneError(self.source, "view", f"there is no view {view}", f"the scene has {len(self.views)}")
+        return item.axes(self.view.name).get(self.views[view].name, [])
+
+    def _redraw(self, uid: int, view: int, points: list[list[float]], label: str, merging: object = None) -> None:
+        axes = {**self.item(uid).axes(self.view.name), self.views[view].name: points}
+        self._change(uid, label, axes_as_keys(axes, self.view.name), merging)
 
     def set_radius(self, uid: int, radius: float | None) -> None:
         """Radius of the first tube [world units]; None: from the image."""
@@ -344,23 +298,62 @@ class Session:
         label = f"material {', '.join(names)}"
         self._change(uid, label, {"material": material or None}, ("weight", uid, names), redrawn="closed" in names)
 
-    def break_at(self, uid: int, place: Point, order: str = "tangent") -> None:
+    def break_at(self, uid: int, place: Point, order: str = "tangent", view: int = 0) -> None:
         """A crease ("tangent") or a gap ("position") beside an image point."""
-        breaks = [*self.item(uid).table.get("break", []), {"at": _rounded(place), "order": order}]
+        breaks = [*self.item(uid).table.get("break", []), {"at": rounded(self._in_first(uid, place, view)), "order": order}]
         self._change(uid, "a crease" if order == "tangent" else "a gap", {"break": breaks})
 
-    def mark(self, uid: int, place: Point) -> None:
+    def _in_first(self, uid: int, place: Point, view: int) -> Point:
+        """An image point of any view as one of the first, by the place of the rough axis next to it."""
+        tube = self.tube(self.item(uid)) if view else None
+        if tube is None:
+            return place
+        spine = np.asarray(tube.spine, float)
+        axis = axis_curve(spine if spine.shape[1] == 3 else lift(spine, self.view.camera, tube.depth))
+        gap = np.linalg.norm(self.views[view].camera.project(axis) - np.asarray(place), axis=1)
+        return self.view.camera.project(axis[gap.argmin()])
+
+    def paint(self, uid: int, nodes: Sequence[tuple[int, int]]) -> None:
+        """Takes the rigidity away at nodes (around, along): there the surface may have an edge; one stroke is one step."""
+        item = self.item(uid)
+        material, (nx, ns) = dict(item.table.get("material", {})), item.table.get("grid", (25, 25))
+        for i, j in nodes:
+            if not (0 <= as_annotated(i, int) < nx and 0 <= as_annotated(j, int) < ns):
+                raise SceneError(self.source, "material", f"there is no node {i}, {j}", f"the grid has {nx} x {ns}")
+        for name in PAINTED:
+            values = as_field(name, material.get(name, getattr(Material(), name)), (nx, ns)).T
+            for i, j in nodes:
+                values[i, j] = 0.0
+            material[name] = [[float(f"{v:.6g}") for v in row] for row in values]
+        self._change(uid, "a painted crease", {"material": material}, ("paint", uid), redrawn=False)
+
+    def mark(self, uid: int, place: Point, view: int = 0) -> None:
         """Marks an image point that the object does not cover."""
-        self._change(uid, "a mark", {"not_here": [*self.item(uid).table.get("not_here", []), _rounded(place)]})
+        if view:
+            raise SceneError(self.source, "not_here", "marks are of the first view", f"look through {self.view.name!r}")
+        self._change(uid, "a mark", {"not_here": [*self.item(uid).table.get("not_here", []), rounded(place)]})
 
     def clear(self, uid: int) -> None:
         """Takes away creases, gaps, marks and springs."""
         self._change(uid, "clearing", {"break": None, "not_here": None, "spring": None})
 
+    def written(self, springs: Sequence[Spring]) -> list[dict[str, Any]]:
+        """Springs as tables [[object.spring]]."""
+        tables = []
+        for s in springs:
+            table = {"anchor": list(s.anchor), "stiffness": s.stiffness, "start": s.start}
+            table |= {"view": self.views[s.view].name} if s.view and len(s.anchor) == 2 else {}
+            table |= {"frame": s.frame} if s.frame else {}
+            table |= {"point": list(s.point)} if s.point is not None else {"reach": s.reach}
+            tables.append(table | ({"stop": s.stop} if s.stop is not None else {}))
+        return tables
+
     def record(self, uid: int, springs: Sequence[Mapping[str, Any]]) -> None:
         """Adds what was pulled or pinned, tables [[object.spring]], as one step; after it there is time to rest."""
-        most = max([self.settings().iterations, *(at + Settings.iterations for at in _events(springs))])
-        top = {**self.state.top, "solver": {**self.state.top.get("solver", {}), "iterations": most}}
+        top, events = self.state.top, events_of(springs)
+        if events:
+            most = max(self.settings().iterations, max(events) + Settings.iterations)
+            top = {**top, "solver": {**top.get("solver", {}), "iterations": most}}
         both = [*self.item(uid).table.get("spring", []), *springs]
         if springs:
             self._change(uid, "a pull", {"spring": both}, redrawn=False, top=top)
@@ -369,7 +362,7 @@ class Session:
         """The runs begin again: nothing was pulled, what is pinned is pinned from the start."""
         items = []
         for item in self.state.items:
-            pins = [{**s, "start": 0} for s in item.table.get("spring", []) if s.get("stop") is None]
+            pins = [{**s, "start": 0} for s in item.table.get("spring", []) if is_pin(s)]
             table = {k: v for k, v in item.table.items() if k != "spring"} | ({"spring": pins} if pins else {})
             items.append(replace(item, table=table) if item.is_tube else item)
         self._do("the pulls", items)
@@ -378,23 +371,3 @@ class Session:
         """Goes to another state of the same image, as one step."""
         if state.top["view"] == self.state.top["view"]:
             self._do("starting over", state.items, top=state.top)
-
-
-def structure(item: Item) -> str:
-    """What a run of the object cannot change on its way: two of the same structure can go on one from the other."""
-    table = {k: v for k, v in item.table.items() if k not in ("name", "material", "spring")}
-    return json.dumps([table, item.table.get("material", {}).get("closed", True)], sort_keys=True)
-
-
-def _events(springs: Sequence[Mapping[str, Any]]) -> list[int]:
-    return [at for s in springs if isinstance(s, Mapping) for at in (s.get("start"), s.get("stop")) if isinstance(at, int)]
-
-
-def _rounded(point: Point) -> list[float]:
-    return [round(float(v), 2) for v in np.asarray(point, float)]
-
-
-def _within(at: int, points: list, source: str) -> int:
-    if not 0 <= as_annotated(at, int) < len(points):
-        raise SceneError(source, "spine", f"has no point {at}", f"it has {len(points)}")
-    return at

@@ -80,7 +80,12 @@ def _parser() -> argparse.ArgumentParser:
         help="draw, pull and watch models in the browser",
         description="Draw axes over an image in the browser, watch models grow onto it, pull them and keep the scene.",
     )
-    studio.add_argument("paths", metavar="SCENE | IMAGE", nargs="*", help="what to open; below the working folder")
+    studio.add_argument(
+        "paths",
+        metavar="SCENE | IMAGE",
+        nargs="*",
+        help="what to open, two images as a stereo pair; below the working folder",
+    )
     studio.add_argument("--host", default="127.0.0.1", help="listen elsewhere, then with a token (default: 127.0.0.1)")
     studio.add_argument("--port", type=int, default=8080, help="default: 8080, or the next that is free")
     studio.add_argument("--device", default="cpu", help="Warp device: cpu, cuda:0 (default: cpu)")

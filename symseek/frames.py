@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterator, Sequence
+from functools import cached_property
 from itertools import zip_longest
 from pathlib import Path
 
@@ -69,16 +71,32 @@ class Frames:
         """From now on frames come out as without this lens."""
         self.lens, self.first = lens, lens.image(self.first)
 
+    def __len__(self) -> int:
+        """How many there are; of a video, how many pictures it holds, not all of which need be whole."""
+        return len(self._files) if self._video is None else len(self._times)
+
+    @cached_property
+    def _times(self) -> list[int]:
+        """When each picture of the video is shown, in its own unit."""
+        import av
+
+        with av.open(str(self._video)) as container:
+            return sorted(packet.pts for packet in container.demux(video=0) if packet.pts is not None)
+
     def __iter__(self) -> Iterator[np.ndarray | str]:
-        for frame in self._read():
+        return self.since(0)
+
+    def since(self, start: int) -> Iterator[np.ndarray | str]:
+        """The frames from number `start` on, without reading all those before it."""
+        for frame in self._read(start):
             bent = self.lens is not None and isinstance(frame, np.ndarray) and frame.shape[1::-1] == self.lens.size
             yield self.lens.image(frame) if bent else frame  # pyright: ignore
 
-    def _read(self) -> Iterator[np.ndarray | str]:
+    def _read(self, start: int) -> Iterator[np.ndarray | str]:
         if self._video is not None:
-            yield from self._decoded(self._video)
+            yield from self._decoded(self._video, start)
             return
-        for file in self._files:
+        for file in self._files[start:]:
             value = file if isinstance(file, np.ndarray) else str(file)
             single = Table({"frames": value}, self._table.source, "view", ["frames"])
             try:
@@ -86,7 +104,7 @@ class Frames:
             except SceneError as problem:
                 yield str(problem)
 
-    def _decoded(self, path: Path) -> Iterator[np.ndarray | str]:
+    def _decoded(self, path: Path, start: int) -> Iterator[np.ndarray | str]:
         import av
         from av.error import FFmpegError
 
@@ -95,7 +113,13 @@ class Frames:
                 stream = container.streams.video[0]
                 stream.thread_type = "AUTO"
                 self.fps = float(stream.average_rate) if stream.average_rate else None
+                first = None
+                if start > 0:
+                    first = self._times[start] if start < len(self._times) else math.inf
+                    container.seek(self._times[min(start, len(self._times) - 1)], stream=stream)
                 for frame in container.decode(stream):
+                    if first is not None and (frame.pts is None or frame.pts < first):
+                        continue
                     yield frame.to_ndarray(format="rgb24").astype(np.float32) / np.float32(255)
         except (FFmpegError, IndexError) as problem:
             yield f"{path.name}: {problem}"

@@ -19,6 +19,7 @@ GRID_MIN, GRID_MAX = (8, 6), 512  # around, along
 NODES = (12, 2000)  # of a snake
 SPINE_MIN = 10.0  # px, the whole
 STEP_MIN = 0.1  # px, between any two points
+LATER = 1_000_000  # most iterations of a frame after the first
 SEEN = 0.5  # share of the axis that each view's image must hold
 
 LINE_BOUNDS: Bounds = {f.name: (0.0, 1e6) for m in (SnakeMaterial, SheetMaterial) for f in fields(m)}
@@ -30,7 +31,7 @@ KINDS = {
     "sheet": ["corners", "depth", "grid", "load", "image"],
 }
 OBJECT_KEYS = [*SHARED_KEYS, *dict.fromkeys(key for keys in KINDS.values() for key in keys)]
-SPRING_KEYS = ["anchor", "point", "near", "stiffness", "reach", "start", "stop"]
+SPRING_KEYS = ["anchor", "view", "point", "near", "stiffness", "reach", "frame", "start", "stop"]
 
 
 def build_object(
@@ -55,7 +56,7 @@ def build_object(
             table.fail(key, f"does not belong to a {kind}", f'it is a {owners}\'s: write kind = "...", or remove it')
     why = "several objects need a name each"
     name = table.name("name", default_name, why) if default_name else table.name("name", why=why)
-    shared = {"name": name, "not_here": _marks(table, view), "springs": _springs(table, view, kind, settings)}
+    shared = {"name": name, "not_here": _marks(table, view), "springs": _springs(table, views, kind, settings)}
     if kind == "snake":
         return _snake(table, view, shared)
     return _sheet(table, view, shared) if kind == "sheet" else _tube(table, views, scale, shared)
@@ -124,17 +125,23 @@ def _sheet(table: Table, view: View, shared: dict[str, Any]) -> Sheet:
     )
 
 
-def _springs(table: Table, view: View, kind: str, settings: Settings) -> tuple[Spring, ...]:
+def _springs(table: Table, views: list[View], kind: str, settings: Settings) -> tuple[Spring, ...]:
     value = table.take("spring", [])
     if not isinstance(value, list | tuple):
         table.fail("spring", f"{shown(value)} is not a list of tables", "write [[object.spring]] below the object")
     return tuple(
-        _spring(Table(v, table.source, table.path(f"spring[{i}]"), SPRING_KEYS), view, kind, settings)
+        _spring(Table(v, table.source, table.path(f"spring[{i}]"), SPRING_KEYS), views, kind, settings)
         for i, v in enumerate(value)
     )
 
 
-def _spring(table: Table, view: View, kind: str, settings: Settings) -> Spring:
+def _spring(table: Table, views: list[View], kind: str, settings: Settings) -> Spring:
+    names = [view.name for view in views]
+    number = names.index(table.text("view", names[0], choices=names))
+    view = views[number]
+    if number and kind != "tube":
+        table.fail("view", f"is {view.name!r}", f"a {kind} lies in the first view, {names[0]!r}: remove it")
+
     def place(key: str, why: str) -> tuple[float, ...]:
         value = table.take(key, why=why)
         wide = 3 if np.size(value) == 3 and kind != "snake" else 2
@@ -167,15 +174,19 @@ def _spring(table: Table, view: View, kind: str, settings: Settings) -> Spring:
             wanted = "s along it" if count == 1 else "[x, s], around and along it"
             table.fail("point", f"{shown(table.take('point'))} does not fit", f"give {wanted}, from 0 to 1")
         point = tuple(float(v) for v in value)
+    frame = table.take("frame", 0)
+    if not isinstance(frame, int) or isinstance(frame, bool) or frame < 0:
+        table.fail("frame", f"{shown(frame)} is no frame", "give its number, a whole one; the first is 0")
+    most = LATER if frame else settings.iterations
     start, stop = table.take("start", 0), table.take("stop", None)
     for key, value, least in (("start", start, 0), ("stop", stop, start + 1 if isinstance(start, int) else 1)):
         if value is None:
             continue
-        if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= settings.iterations:
-            bound = f"from {least} to solver.iterations = {settings.iterations}"
+        if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= most:
+            bound = f"from {least} to " + (f"{most}" if frame else f"solver.iterations = {most}")
             table.fail(key, f"{shown(value)} is out of bounds", f"give an iteration, a whole number {bound}")
     stiffness = table.number("stiffness", 1.0, above=0.0, most=1e6)
-    return Spring(anchor, point, near, stiffness, reach, start, stop)
+    return Spring(anchor, point, near, stiffness, reach, start, stop, number, frame)
 
 
 def _grid(table: Table) -> tuple[int, int]:

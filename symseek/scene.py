@@ -218,6 +218,9 @@ def build(data: Mapping[str, Any], base: Path, source: str, name: str = "object"
     output = top.fields("output", Output(), {"video_fps": (1, 120)})
     frames = [view for _, view in read if view is not None]
     tracking = top.fields("track", Tracking(), TRACK_BOUNDS)
+    for table, o in zip(objects, built, strict=True):
+        if not (frames and isinstance(o, Tube)) and any(spring.frame for spring in o.springs):
+            table.fail("spring", "has a frame", "it is for tubes of moving scenes: remove it")
     if frames and lines:
         top.fail("object", "a snake or sheet does not move", "keep the tubes, or give image instead of frames")
     if "track" in top and not frames:

@@ -46,9 +46,28 @@ class Hand:
         return box["x"] + box["width"] / 2 + x, box["y"] + box["height"] / 2 + y
 
     def click(self, place: Sequence[float] | np.ndarray) -> None:
-        """Clicks on an image point."""
+        """Clicks on an image point, and waits until that is a step of the session."""
+        session = self.studio.page.session
+        assert session is not None
+        before = session.state
         self.page.mouse.click(*self.at(place))
-        time.sleep(0.25)  # two clicks at once are a double click
+        self.wait(lambda: session.state is not before)
+        self.page.wait_for_timeout(250)  # two clicks at once are a double click
+
+    def steady(self) -> None:
+        """Waits until the eye stands where the panel leaves it room."""
+        fitted = self.studio.page._fitted
+        camera = next(iter(self.studio.server.get_clients().values())).camera
+        box, same = self.page.locator("canvas").first, 0
+
+        def stands() -> bool:
+            nonlocal same
+            size, (aspect, _) = box.bounding_box(), next(iter(fitted.values()), (0.0, None))
+            fits = abs(size["width"] / size["height"] - camera.aspect) < 0.01 and abs(aspect - camera.aspect) < 0.02
+            same = same + 1 if fits else 0
+            return same > 10
+
+        self.wait(lambda: not self.studio.page.session or stands())
 
     def press(self, button: str) -> None:
         """Clicks a button by its words."""
@@ -80,11 +99,11 @@ class Hand:
             self.page.wait_for_timeout(30)
 
     def at_rest(self) -> None:
-        """Waits until all that was asked for is done and nothing moves."""
+        """Waits until all models have been told to run and nothing moves."""
         engine = self.studio.engine
-        engine.call(lambda: None).result(30)
-        self.wait(lambda: engine.snapshots and not engine.going())
-        engine.call(lambda: None).result(30)
+        self.wait(lambda: engine.snapshots and all(part.go for part in engine._parts.values()))
+        self.wait(lambda: not engine.going(), 60.0)
+        engine.call(lambda: None).result(60)
 
 
 @contextmanager
@@ -111,7 +130,7 @@ def opened(paths: Sequence[str], root: Path, script: str = "", **window: Any) ->
             page.wait_for_selector("canvas")
             # viser's own warning of software rendering lies over the picture
             page.locator(".mantine-Notification-closeButton").first.click()
-            page.wait_for_timeout(500)
+            hand.steady()
             yield hand
             browser.close()
     finally:

@@ -10,6 +10,7 @@ from PIL import Image
 
 import symseek
 from symseek import cli, files
+from symseek.scene import build
 from symseek.sim.camera import Camera
 
 SCENE = """
@@ -262,3 +263,19 @@ def test_snakes_sheets_and_springs(folder):
     assert (leaf.grid, leaf.load, leaf.image, leaf.depth) == ((9, 7), (0, 0, 1), False, 3)
     assert leaf.springs == (symseek.Spring((0, 0, 9), near=(10, 12, 3)),)
     assert scene.tubes[0].springs == (symseek.Spring((30, 40), point=(0.5, 0.1)),)
+
+
+def test_a_spring_says_which_view_its_points_are_in(folder):
+    """By the view's name; the tube is held beside what that view sees, and no other kind of object knows of it."""
+    image = np.zeros((60, 80), np.float32)
+    image[20:40, 20:60] = 1
+    eyes = [{"name": n, "image": image, "projection": "stereo", "alpha": a} for n, a in (("left", 0.2), ("right", -0.2))]
+    spring = {"anchor": [30, 40], "near": [25, 30], "view": "right"}
+    tube = {"name": "body", "spine": [[20, 30], [60, 30]], "spring": [spring]}
+    assert build({"view": eyes, "object": [tube]}, folder, "pair").tubes[0].springs[0].view == 1
+    for wrong, text in (
+        ({**tube, "spring": [{**spring, "view": "rigth"}]}, "did you mean right"),
+        ({"name": "edge", "kind": "snake", "points": [[20, 20], [60, 20], [40, 50]], "spring": [spring]}, "a snake lies in"),
+    ):
+        with pytest.raises(symseek.SceneError, match=text):
+            build({"view": eyes, "object": [wrong]}, folder, "pair")

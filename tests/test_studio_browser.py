@@ -53,7 +53,7 @@ def test_a_squash_is_drawn_run_pulled_undone_and_saved(tmp_path):
             hand.click(point)
         hand.wait(lambda: engine.snapshots)
         (item,) = page.session.state.items
-        np.testing.assert_allclose(item.points, given.tubes[0].spine, atol=0.5)
+        np.testing.assert_allclose(page.session.axis(item.uid), given.tubes[0].spine, atol=0.5)
         shot(hand, "2-drawn")
 
         hand.press("Run")

@@ -2,12 +2,14 @@
 
 import numpy as np
 import pytest
+import viser
+from viser.transforms import SO3
 
 from symseek.sim.camera import Camera
 from symseek.sim.curve import evenly
 from symseek.sim.problem import View
 from symseek.sim.surface import occluding_contour
-from symseek.studio.drawing import FINE, Frame, _lines, away_from, material_point
+from symseek.studio.drawing import FINE, Drawing, Frame, _lines, away_from, material_point
 from symseek.studio.part import Snapshot
 
 T = np.linspace(0, 1, 25)
@@ -73,3 +75,28 @@ def test_a_place_is_found_on_the_near_side():
     front = TUBE[:, 12, 2].argmin()
     x, s = material_point(snapshot(), away_from(snapshot(), view, TUBE[front, 12, :2]))
     assert (round(x * 25), round(s * 24)) == (front, 12)
+
+
+def test_photographs_stand_where_their_cameras_look():
+    """Beside the one in hand another's is moved, turned and scaled as a whole: what it sees lies on it by its own camera."""
+    turn = np.array([[np.cos(0.6), 0, -np.sin(0.6)], [0, 1, 0], [np.sin(0.6), 0, np.cos(0.6)]])
+    middle = TUBE.reshape(-1, 3).mean(axis=0)
+    cameras = [Camera.perspective(K, r, np.array([0, 0, 400.0]) - r @ middle) for r in (np.eye(3), turn)]
+    views = [View(np.zeros((90, 120, 3), np.float32), camera) for camera in cameras]
+    frames = [Frame(view, 400.0) for view in views]
+    server = viser.ViserServer(port=0, verbose=False)
+    try:
+        drawing = Drawing(server.scene, views, frames)
+        assert drawing.pictures[0].visible and not drawing.pictures[1].visible
+        drawing.look(0, True)
+        picture = drawing.pictures[1]
+        assert picture.visible
+        place = SO3(np.array(picture.wxyz)).as_matrix() * picture.scale
+        for corner in ([0, 0], [119, 0], [60, 89]):
+            at = np.array(picture.position) + place @ (np.array([*corner, 0.0]) - [59.5, 44.5, 0])
+            np.testing.assert_allclose(at, frames[0].shown(frames[1].world(np.array([*corner, 0.0]))), atol=1e-6)
+        drawing.look(1, False)
+        assert picture.visible and not drawing.pictures[0].visible and drawing.view is views[1]
+        np.testing.assert_allclose(picture.wxyz, [1, 0, 0, 0])
+    finally:
+        server.stop()

@@ -19,7 +19,7 @@ from symseek.studio.keep import Folder
 from symseek.studio.page import Page
 from symseek.studio.part import Wish
 from symseek.studio.serve import Guard, Studio
-from symseek.studio.session import Session, structure
+from symseek.studio.session import Session
 
 SQUASH = cli.demos()["squash"]
 
@@ -38,7 +38,7 @@ def engine():
 
 
 def show(engine: Engine, session: Session, fresh: bool = False) -> None:
-    wishes = {i.uid: Wish(structure(i), tube) for i in session.state.items if (tube := session.tube(i)) is not None}
+    wishes = {i.uid: Wish(i.structure(), tube) for i in session.state.items if (tube := session.tube(i)) is not None}
     engine.show(session.views, session.settings(), wishes, fresh).result(60)
 
 
@@ -59,7 +59,7 @@ def again(session: Session) -> np.ndarray:
 
 
 def record(session: Session, springs: list[Spring]) -> None:
-    session.record(1, [{k: v for k, v in vars(s).items() if v is not None} for s in springs])
+    session.record(1, session.written(springs))
 
 
 def test_a_live_run_ends_where_symseek_run_does(engine, session):
@@ -109,6 +109,31 @@ def test_pulls_are_played_again_and_taken_back(engine, session):
     session.redo()
     show(engine, session)
     assert np.array_equal(rest(engine)[1], pulled)
+
+
+def test_a_pull_in_another_view_is_played_again(engine):
+    """Views from around: the spring acts in the plane of the view that it was drawn in, live and in the saved scene."""
+    session = Folder(cli.demos()["squash_ring"].parent).open("scene.toml")[0]
+    show(engine, session, fresh=True)
+    engine.run().result(60)
+    first = rest(engine)[1]
+    camera = session.views[2].camera
+    seen = camera.project(first[:, 12])
+    at = int(seen[:, 0].argmax())
+    engine.grab(1, (at / 25, 0.5), seen[at], view=2)
+    for k in range(10):
+        engine.drag(1, seen[at] + k * np.array([2.0, 0.0])).result(60)
+    while camera.project(engine.snapshots[1].tube[at, 12])[0] < seen[at, 0] + 9:
+        engine.call(lambda: None).result(60)
+    engine.step(2).result(60)
+    (pull, *_) = engine.snapshots[1].pulls
+    np.testing.assert_allclose(camera.project(pull)[1], seen[at] + [18.0, 0.0], atol=1e-3)
+    engine.run().result(60)
+    made = engine.let_go(1).result(60)
+    record(session, made)
+    assert {s["view"] for s in session.item(1).table["spring"]} == {"view3"}
+    show(engine, session)
+    assert np.array_equal(rest(engine)[1], again(session))
 
 
 def test_a_grip_that_never_pulled_leaves_nothing(engine, session):
