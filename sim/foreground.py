@@ -33,8 +33,8 @@ SHAPE, RIM = 4.0, 4.0
 """Log odds that the ribbon gives to what lies in it, against what lies out of it; its unsure rim to each side [samples]."""
 UNEVEN, SLACK, SHORT = 1.5, 0.04, 0.2
 """Farthest that the object reaches to a side, times its width on the narrow one, plus lengths of the axis; past the ends."""
-MIDDLE, SMOOTH = 5, 1.0
-"""Rounds in which the axis goes to the object's middle; smoothing along it, in half widths."""
+MIDDLE, SMOOTH, FAINT = 5, 1.0, 1e-6
+"""Rounds in which the axis goes to the object's middle; smoothing along it, in half widths; samples of it that count."""
 PAST = 1.5
 """How far past the image's border the axis is carried on, in half widths: there is room for the tube's end."""
 ROUND = 0.4
@@ -375,7 +375,9 @@ def _middle(mask: np.ndarray, line: np.ndarray) -> np.ndarray:
         nearest = place[mask]
         sums = np.stack([np.bincount(nearest, w, len(line)) for w in (points[:, 0], points[:, 1], np.ones(len(points)))])
         sums = ndimage.gaussian_filter1d(sums, SMOOTH * half * len(line) / length_of(line), mode="constant") + 1e-9
-        line = axis_curve((sums[:2] / sums[2]).T, len(line))
+        # far from all of the object it stays as it is
+        moved = np.where(sums[2] > FAINT, sums[:2] / sums[2], line.T)
+        line = axis_curve(moved.T, len(line))
     return line
 
 
