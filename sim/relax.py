@@ -35,6 +35,8 @@ HOLD, FIRM = 1e-6, 2e-5
 """Stiffness of the springs that keep nodes where they were dealt, at the finest scale: so little that it does not matter
 where they were, until all is all but at rest; then so much that nothing slides along the surface for ever. At once where an
 end lies beyond the image, of which nothing else is known."""
+SOFT = 600
+"""Iterations after which the springs are firm in any case: what is told by little may never come to rest else."""
 LOST = 1.0
 """Residual force at which the solver has diverged [initial spine lengths]."""
 LEAST_SHARE = 0.01
@@ -85,7 +87,7 @@ class Relaxation:
         with HOST:
             scene.set_material(1.0)
             self.loop = Loop(scene, careful=False)
-        self._again, self._under_way, self._firm = False, False, False
+        self._again, self._under_way, self._firm, self._held = False, False, False, 0
 
     @property
     def last(self) -> bool:
@@ -247,7 +249,7 @@ class Relaxation:
         self.converged = at_rest
         if self.converged and last and self._leaps < LEAPS and not self.loop.solver.mass:
             self._leap()
-        if self.converged and last and not self._firm:
+        if last and not self._firm and (self.converged or self.iteration - self._held >= SOFT):
             self._hold(FIRM)
             self.converged, self._moved = False, float("inf")
         if not self.residual < LOST:
@@ -258,7 +260,7 @@ class Relaxation:
 
     def _hold(self, stiffness: float) -> None:
         self.scene.hold_shares(stiffness)
-        self._firm = stiffness == FIRM
+        self._firm, self._held = stiffness == FIRM, self.iteration
 
     def _leap(self) -> None:
         """What creeps does so for long, by less and less: goes where that leads, unless it is here."""
