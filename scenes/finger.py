@@ -16,7 +16,7 @@ from . import shapes
 from .synthetic import render
 
 SHAPE = (480, 640)
-SCALE = 0.22
+SCALE = 0.27
 """World units, mm, a pixel (at the finger, where the view is perspective)."""
 LENGTH, BASE, TIP = 96.0, 9.3, 6.6
 """Of the axis; radius at the base and before the tip [mm]."""
@@ -61,7 +61,9 @@ class Finger:
         speed: 1: the tip goes `TIP_SPEED` px a frame at the fastest.
         perspective: two cameras that converge; otherwise the paper's (15).
         out_of_round: of its sections, see `shapes.mesh`.
-        cut: the base reaches beyond the image's left border; otherwise it ends round within.
+        cut: the base reaches beyond the image's lower border, or the left one; otherwise it ends round within.
+        along: the finger lies along the line between the eyes, from the left border, rather than across it, from the lower
+            one: outlines along that line are the same for every depth, which then ends, bends and shading hardly tell.
         noise: standard deviation of the images' noise.
 
     Attributes:
@@ -82,6 +84,7 @@ class Finger:
         perspective: bool = False,
         out_of_round: float = 0.03,
         cut: bool = True,
+        along: bool = False,
         noise: float = 0.01,
     ):
         self.seed, self.frames, self.noise = seed, frames, noise
@@ -89,15 +92,15 @@ class Finger:
         self.length = LENGTH + BEYOND * cut
         self._before = BEYOND * cut
         self._sections(shape_rng, out_of_round)
-        self._pose(pose_rng, cut)
+        self._pose(pose_rng, cut, along)
         self.cameras = self._eyes(perspective)
         self._rate = 1.0
-        when = np.linspace(0, 1, 201)[:, None]
-        tip = np.stack([self.cameras[0].project(self._axis(float(t))[-1]) for t in when[:, 0]])
-        fastest = np.linalg.norm(np.diff(tip, axis=0), axis=1).max() * 200
+        # all that moves comes round once in 40 frames
+        tip = np.stack([self.cameras[0].project(self._axis(t)[-1]) for t in np.linspace(0, 40, 401)])
+        fastest = np.linalg.norm(np.diff(tip, axis=0), axis=1).max() * 10
         self._rate = speed * TIP_SPEED / fastest
         axis = self.cameras[0].project(self._axis(0.0))
-        on = np.flatnonzero((axis[:, 0] > 8) & (axis[:, 0] < SHAPE[1] - 8))
+        on = np.flatnonzero(((axis > 8) & (axis < np.array(SHAPE[::-1]) - 8)).all(axis=1))
         at = np.rint(np.linspace(0.08, 0.92, 5) * (len(on) - 1)).astype(int)
         self.rough = self._axis(0.0)[on[at]] + 3.0 * SCALE * click_rng.standard_normal((5, 3))
         self.clicks = axis[on[at]] + 3.0 * click_rng.standard_normal((5, 2))
@@ -129,19 +132,24 @@ class Finger:
         poles = paint[[0, -1]].mean(axis=1)
         self._paint = np.concatenate([poles[:1], paint[1:-1].ravel(), poles[1:]])
 
-    def _pose(self, rng: np.random.Generator, cut: bool) -> None:
+    def _pose(self, rng: np.random.Generator, cut: bool, along: bool) -> None:
         """Where the finger's own plane lies, and how it sways."""
         tilt, roll = np.radians(rng.uniform(-14, 14)), np.radians(rng.uniform(20, 50) * rng.choice([-1, 1]))
         c, s = np.cos(roll), np.sin(roll)
         about = np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
         c, s = np.cos(tilt), np.sin(tilt)
         self._turn = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]) @ about
-        first = np.array([0.0, SCALE * rng.uniform(150, 210), 0.0])
-        first[0] = -self._before if cut else SCALE * 60
-        self._root = first
+        side, inner = SCALE * rng.uniform(150, 210), -self._before if cut else SCALE * 60
+        if along:
+            self._root = np.array([inner, side, 0.0])
+        else:
+            self._turn = np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]]) @ self._turn
+            self._root = np.array([side, SCALE * (SHAPE[0] - 1) - inner, 0.0])
         self._phase = rng.uniform(0, 2 * np.pi, 4)
         self._sway = np.radians(rng.uniform(4, 7)), np.radians(rng.uniform(2, 4))
         self._shift = SCALE * rng.uniform(3, 6, 3) * np.array([0.3, 1.0, 2.0])
+        if not along:
+            self._shift = self._shift[[1, 0, 2]]
 
     def _eyes(self, perspective: bool) -> list[Camera]:
         if not perspective:

@@ -17,6 +17,8 @@ from .potential import Potential
 
 ROD = 1.0
 """Weight of a rod's kinematics, dc/ds = w x dv/ds: it neither stretches nor leaves its rings behind; against pixels."""
+TWIST = 0.3
+"""Weight of a ring's turn about the spine, which outlines hardly tell, likewise."""
 STEADY = 1e-3
 """Least stiffness, over the mean one: of what no view tells."""
 
@@ -75,7 +77,10 @@ def bend(
             [slope[:, None, :, None] * np.eye(3)[None, :, None], -basis[:, None, :, None] * turn[:, :, None]], axis=3
         )
         weight = ROD * scale / np.sqrt(len(u))
-        a = np.concatenate([a, weight * free.reshape(-1, a.shape[1])])
+        spin = tangent / np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-30)
+        spin *= TWIST * np.linalg.norm(tube - spine, axis=2).mean(axis=0)[:, None]
+        about = basis[:, :, None, None] * np.stack([np.zeros_like(spin), spin], axis=1)[:, None]
+        a = np.concatenate([a, weight * free.reshape(-1, a.shape[1]), weight * about.reshape(-1, a.shape[1])])
         d = np.append(d, np.zeros(len(a) - len(d)))
     grow = np.repeat((1.0 + np.arange(degree + 1)) ** 2, 6)
     size = np.tile(np.repeat([1.0, 0.5 * length], 3), degree + 1)

@@ -124,21 +124,17 @@ class Follower:
         return self.grid(state[0]) * unit + origin, state[1] * unit + origin
 
     def predicted(self, frame: int, known: int) -> tuple[np.ndarray, np.ndarray]:
-        """Nodes in a frame by the first `known` ones: each ring goes on and turns as it did."""
+        """Nodes in a frame by the first `known` ones: each ring goes on as it did and turns with the spine.
+
+        Not about it: outlines hardly tell, and what is predicted from what was predicted would grow.
+        """
         now, ahead = self.states[known - 1], frame - known + 1
         if known == 1 or any(note.startswith("lost") for note in self.notes[known - 2 : known]):
             return now
-        before, spine, last = self.states[known - 2], now[1].astype(float), self.states[known - 2][1].astype(float)
-        new, old = (self.grid(s[0]).transpose(1, 0, 2).astype(float) for s in (now, before))
-        arrows = [np.concatenate([v - v.mean(axis=1, keepdims=True), np.gradient(s, axis=0)[:, None]], axis=1)
-                  for v, s in ((old, last), (new, spine))]  # fmt: skip
-        turn = ndimage.gaussian_filter1d(np.einsum("sxi,sxj->sij", *arrows), SMOOTH, axis=0, mode="nearest")
-        u, _, vt = np.linalg.svd(turn)
-        flip = np.tile(np.eye(3), (len(u), 1, 1))
-        flip[:, 2, 2] = np.sign(np.linalg.det(u @ vt))
-        rotation = (u @ flip @ vt).transpose(0, 2, 1)
-        way = ndimage.gaussian_filter1d(spine - last, 1.0, axis=0, mode="nearest")
+        new, spine = self.grid(now[0]).transpose(1, 0, 2).astype(float), now[1].astype(float)
+        way = ndimage.gaussian_filter1d(spine - self.states[known - 2][1], 1.0, axis=0, mode="nearest")
         for _ in range(ahead):
+            rotation = turns(spine, spine + way)
             new = np.einsum("sij,sxj->sxi", rotation, new - spine[:, None]) + (spine + way)[:, None]
             spine = spine + way
         return new.reshape(-1, 3).astype(np.float32), spine.astype(np.float32)
@@ -355,6 +351,15 @@ def _followed(follower: Follower) -> ObjectResult:
         out.warnings.append(f"frame{'s' * (len(at) > 1)} {_runs(at)}: {text}")
     out.trusted &= not any(follower.notes)
     return out
+
+
+def turns(old: np.ndarray, new: np.ndarray) -> np.ndarray:
+    """Least rotations (N_s, 3, 3) that take the tangents of one spine (N_s, 3) to those of another."""
+    a, b = (ndimage.gaussian_filter1d(np.gradient(s, axis=0), SMOOTH, axis=0, mode="nearest") for s in (old, new))
+    a, b = (t / np.maximum(np.linalg.norm(t, axis=1, keepdims=True), 1e-30) for t in (a, b))
+    axis, cosine = np.cross(a, b), (a * b).sum(axis=1)
+    cross = np.cross(np.eye(3)[None], axis[:, None])
+    return np.eye(3) + cross + cross @ cross / (1 + np.maximum(cosine, -0.99))[:, None, None]
 
 
 def velocity(tube: np.ndarray, lost: Sequence[bool]) -> np.ndarray:
