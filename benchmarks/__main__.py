@@ -1,4 +1,4 @@
-"""`python -m benchmarks [--quick] [--out DIR]`: accuracy, ablation, grid and size, rest, photographs, timings."""
+"""`python -m benchmarks [--quick] [--out DIR]`: accuracy, ablation, grid and size, rest, photographs, motion, timings."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from . import (
     dance,
     invariance,
     lines,
+    motion,
     photographs,
     rest,
     snakes,
@@ -35,6 +36,7 @@ TABLES = {
     "still_life": still_life.main,
     "dance": dance.main,
     "views": views.main,
+    "motion": motion.main,
     "photographs": photographs.main,
     "snakes": snakes.main,
     "speed": speed.main,

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from ..sim.camera import Camera
+from ..sim.sights import triangulated
 from . import shapes
 from .synthetic import render
 
@@ -69,8 +70,8 @@ class Finger:
     Attributes:
         cameras: of both views.
         faces: of every frame's mesh, shape (F, 3).
-        rough: five rough points (X, Y, Z) along the axis of frame 0, shape (5, 3) [mm], for perspective views.
-        clicks: five rough points (column, row) along the axis in the first view of frame 0, shape (5, 2).
+        clicks: five rough points (column, row) along the axis in each view of frame 0, shape (5, 2) each.
+        rough: the axis that they tell of, shape (n, 3) [mm].
         length: of the axis [mm].
     """
 
@@ -99,15 +100,18 @@ class Finger:
         tip = np.stack([self.cameras[0].project(self._axis(t)[-1]) for t in np.linspace(0, 40, 401)])
         fastest = np.linalg.norm(np.diff(tip, axis=0), axis=1).max() * 10
         self._rate = speed * TIP_SPEED / fastest
-        axis = self.cameras[0].project(self._axis(0.0))
-        on = np.flatnonzero(((axis > 8) & (axis < np.array(SHAPE[::-1]) - 8)).all(axis=1))
-        at = np.rint(np.linspace(0.08, 0.92, 5) * (len(on) - 1)).astype(int)
-        self.rough = self._axis(0.0)[on[at]] + 3.0 * SCALE * click_rng.standard_normal((5, 3))
-        self.clicks = axis[on[at]] + 3.0 * click_rng.standard_normal((5, 2))
+        self.clicks = [self._clicked(camera, click_rng) for camera in self.cameras]
+        self.rough = triangulated(self.clicks, self.cameras)
         y, x = np.mgrid[: SHAPE[0], : SHAPE[1]] / SHAPE[1]
         mat = gaussian_filter(np.random.default_rng([seed, 3]).standard_normal(SHAPE), 3) * 6
         glow = 0.13 + 0.05 * (x + y) + 0.012 * mat
         self._behind = glow[..., None] * np.array([0.8, 0.95, 1.1])
+
+    def _clicked(self, camera: Camera, rng: np.random.Generator) -> np.ndarray:
+        axis = camera.project(self._axis(0.0))
+        on = np.flatnonzero(((axis > 8) & (axis < np.array(SHAPE[::-1]) - 8)).all(axis=1))
+        at = np.rint(np.linspace(0.08, 0.92, 5) * (len(on) - 1)).astype(int)
+        return axis[on[at]] + 3.0 * rng.standard_normal((5, 2))
 
     def _sections(self, rng: np.random.Generator, out_of_round: float) -> None:
         """Rings of the skin: where they lie along the axis, radii around, and how bright the skin is there."""

@@ -26,10 +26,10 @@ SHARE = 0.03
 """Share of the rigidities w2 and w02 while tracking: more lags behind, less is lost."""
 STRETCH = 0.05
 """K1 of the spine while tracking, whose natural lengths are those of the first frame: nodes do not drift along it."""
-SCALES, PARTS = (-3, -1), (0.2, 0.8)
-"""Which scales a frame is looked at by, and which share of its iterations each takes; moves as a rod go by the first."""
-DEGREE, MOVES = 5, 2
-"""Of a rod's moves, see `bend`, and how many a frame begins with."""
+SCALES, MOVES = (-3, -2, -1), (1, 1, 1)
+"""Which scales a frame is looked at by, and how many moves as a rod each takes; iterations go by the last."""
+DEGREE = 5
+"""Of a rod's moves, see `bend`."""
 SMOOTH = 2.0
 """Rings over which the turn of a ring from frame to frame is averaged for its prediction."""
 LEAST_SEEN, LEAST_BACK = 0.85, 0.9
@@ -169,19 +169,12 @@ class Follower:
         with HOST:
             if not mass:
                 self._begin(looks)
-            total, done = self.tracking.iterations, 0
-        for i, share in enumerate(PARTS):
-            count = total - done if i == len(PARTS) - 1 else round(share * total)
-            if count == 0:
-                continue
-            with HOST:
-                scene.set_potentials([[look.potentials[i] for look in looks]])
-                scene.hold_tangents()
-                self.loop.set_material(SHARE)
-                if not mass:
-                    scene.stand_still()
-            self.loop.run(count)
-            done += count
+            scene.set_potentials([[look.potentials[-1] for look in looks]])
+            scene.hold_tangents()
+            self.loop.set_material(SHARE)
+            if not mass:
+                scene.stand_still()
+        self.loop.run(self.tracking.iterations)
         with HOST:
             self._end(looks, was_lost)
         self.seconds += time.perf_counter() - clock
@@ -194,14 +187,16 @@ class Follower:
 
     def _begin(self, looks: list[Look]) -> None:
         """Predicts and moves the tube as a whole."""
-        potentials, sizes = [look.potentials[0] for look in looks], [look.view.image.shape[:2] for look in looks]
+        sizes = [look.view.image.shape[:2] for look in looks]
         tube, spine = self.predicted(len(self.states), len(self.states))
         grid = self.grid(tube).astype(float)
         closed = self.scene.tubes[0].material.closed
         if self.tracking.first != "none":
-            for _ in range(MOVES * (3 if self.lost else 1)):
-                rigid = self.tracking.first == "rigid" or self.lost
-                grid, spine = bend(grid, spine, self.cameras, potentials, sizes, 0 if rigid else DEGREE, closed)
+            degree = 0 if self.tracking.first == "rigid" or self.lost else DEGREE
+            for i, count in enumerate(MOVES):
+                potentials = [look.potentials[i] for look in looks]
+                for _ in range(count + (4 if self.lost and i == 0 else 0)):
+                    grid, spine = bend(grid, spine, self.cameras, potentials, sizes, degree, closed)
         self.scene.rewind((grid.transpose(1, 0, 2).reshape(-1, 3).astype(np.float32), spine.astype(np.float32)))
 
     def _end(self, looks: list[Look], was_lost: bool) -> None:

@@ -71,7 +71,7 @@ def write_motion(result: Result, o: ObjectResult, folder: Path, colour: Colour) 
     try:
         write_usd(folder / f"{o.name}.usdc", vertices, faces, scene.tracking.fps or 24.0, metres, colour, o.name)
     except ImportError as problem:
-        result.skipped[f"{o.name}.usdc"] = f"{problem}: pip install usd-core"
+        result.skipped[f"{o.name}.usdc"] = f"{problem}: pip install symseek[usd]"
 
 
 def write_film(result: Result, path: Path) -> None:

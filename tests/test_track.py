@@ -27,12 +27,13 @@ def frames(finger):
 
 def follow(finger, stream):
     views = [View(np.zeros((1, 1)), camera, name) for camera, name in zip(finger.cameras, ("left", "right"), strict=True)]
-    return track(stream, views, [Tube(finger.clicks)], tracking=Tracking(fps=finger.fps))
+    return track(stream, views, [Tube(finger.rough)], tracking=Tracking(fps=finger.fps))
 
 
 def seen(finger, points):
     """Points that both images hold: the base is cut off."""
-    return points[np.all([(camera.project(points) >= 0).all(axis=1) for camera in finger.cameras], axis=0)]
+    sides = [camera.project(points) for camera in finger.cameras]
+    return points[np.all([((p >= 0) & (p <= [639, 479])).all(axis=1) for p in sides], axis=0)]
 
 
 @pytest.fixture(scope="module")
