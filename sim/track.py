@@ -163,16 +163,18 @@ class Follower:
     def follow(self, looks: list[Look]) -> None:
         """On to the next frame."""
         clock = time.perf_counter()
-        scene, mass, was_lost = self.scene, self.loop.solver.mass, self.lost
+        scene, was_lost = self.scene, self.lost
+        # with mass and no moves its own momentum alone carries the tube on
+        carried = self.loop.solver.mass and self.tracking.first == "none" and not was_lost
         scene.views = [look.view for look in looks]
         scene.spaces, scene.maps = [[look.space for look in looks]], [[look.space.map for look in looks]]
         with HOST:
-            if not mass:
+            if not carried:
                 self._begin(looks)
             scene.set_potentials([[look.potentials[-1] for look in looks]])
             scene.hold_tangents()
             self.loop.set_material(SHARE)
-            if not mass:
+            if not carried:
                 scene.stand_still()
         self.loop.run(self.tracking.iterations)
         with HOST:
