@@ -148,8 +148,12 @@ class Springs:
         if iteration > self.list[i].start:
             self.list[i] = replace(self.list[i], stop=iteration)
         else:
-            for values in (self.list, self.owners, self.tied, self.way):
-                del values[i]
+            self.remove(i)
+
+    def remove(self, i: int) -> None:
+        """Takes spring i out of the list; those after it move up."""
+        for values in (self.list, self.owners, self.tied, self.way):
+            del values[i]
 
     @property
     def events(self) -> set[int]:
