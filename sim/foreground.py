@@ -70,6 +70,19 @@ class Foreground:
     guess: np.ndarray | None = None
     """1 where neither side of the object is seen, so that there is no better word than the map's, shape (h, w); else 0."""
 
+    @property
+    def box(self) -> np.ndarray:
+        """Image points of the first sample and beyond the last, shape (2, 2)."""
+        return np.array([self.origin, np.add(self.origin, np.multiply(self.step, self.inside.shape[::-1]))])
+
+    def part_of(self, shape: tuple[int, ...], room: float = 0.0) -> tuple[slice, slice]:
+        """Rows and columns of an image (H, W) that it reaches to, with `room` [px] about it."""
+        low, high = self.box
+        last = np.array(shape[1::-1])
+        left, top = np.clip(np.floor(low - room), 0, last).astype(int).tolist()
+        right, bottom = np.clip(np.ceil(high + room) + 1, 0, last).astype(int).tolist()
+        return slice(top, bottom), slice(left, right)
+
     def in_image(self, shape: tuple[int, int], origin: tuple[float, float] = (0.0, 0.0), step: float = 1.0) -> np.ndarray:
         """The map at samples from an image point on, a step [image px] apart, by default pixels; 0 where not looked at."""
         rows = (origin[1] + step * np.arange(shape[0]) - self.origin[1]) / self.step

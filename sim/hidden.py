@@ -28,11 +28,17 @@ class Hidden:
     def near(self, points: np.ndarray, blur: float) -> np.ndarray:
         """Whether image points (..., 2) are hidden, or so near to it that its edge there is another's."""
         reach = int(np.ceil(NEAR * blur))
-        if reach == 0:
+        if reach == 0 or not points.size:
             return self.at(points)
-        wide = np.pad(self.mask, reach)
-        wide = np.asarray(ndimage.distance_transform_edt(~wide)) <= NEAR * blur
-        return Hidden(wide, (self.corner[0] - reach, self.corner[1] - reach)).at(points)
+        # a mask may be as large as a photograph: only about the points
+        size = np.array(self.mask.shape[::-1])
+        low, high = (f(points.reshape(-1, 2), axis=0) - self.corner for f in (np.min, np.max))
+        left, top = np.clip(np.floor(low) - reach, 0, size).astype(int).tolist()
+        right, bottom = np.clip(np.ceil(high) + reach + 1, 0, size).astype(int).tolist()
+        wide = np.pad(self.mask[top:bottom, left:right], reach)
+        if wide.any():
+            wide = np.asarray(ndimage.distance_transform_edt(~wide)) <= NEAR * blur
+        return Hidden(wide, (self.corner[0] + left - reach, self.corner[1] + top - reach)).at(points)
 
     def beta(self, potential: Potential) -> np.ndarray:
         """beta of (11) at a potential's samples, shape (h, w): 0 where hidden and nearby, where the edge is another's.
