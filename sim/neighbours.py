@@ -9,6 +9,7 @@ import numpy as np
 from scipy import ndimage
 
 from .foreground import Foreground, axis_curve, carried_on, foreground
+from .hidden import window
 from .problem import View
 
 OFF = 1.2
@@ -71,7 +72,7 @@ def foregrounds(
 
 def _cover(map_: Foreground, size: tuple[int, ...]) -> tuple[tuple[slice, slice], np.ndarray, np.ndarray]:
     """Where a map's object covers an image of a size (height, width): the part, the cover, one `RIM` wider."""
-    part = rows, columns = map_.part_of(size, RIM)
+    part = rows, columns = window(map_.box, size, RIM)
     cover = map_.in_image((rows.stop - rows.start, columns.stop - columns.start), (columns.start, rows.start)) > 0.5
     return part, cover, ndimage.binary_dilation(cover, iterations=round(RIM)) if cover.any() else cover
 

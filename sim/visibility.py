@@ -11,7 +11,7 @@ from scipy.sparse.csgraph import connected_components
 from ..kernels import rays
 from .assembly import Assembly
 from .camera import Camera
-from .hidden import Hidden
+from .hidden import Hidden, window
 from .surface import silhouette
 
 AHEAD = 1e-3
@@ -218,13 +218,11 @@ def note_others(scenes: Sequence[Assembly]) -> None:
         covers = []
         for scene, k in where:
             flat = view.camera.project(scene.world(k)[0])
-            left, top = np.clip(np.floor(flat.min((0, 1))), 0, shape[::-1]).astype(int)
-            right, bottom = np.clip(np.ceil(flat.max((0, 1))) + 1, 0, shape[::-1]).astype(int)
-            part = slice(top, bottom), slice(left, right)
-            covers.append((part, silhouette(flat - [left, top], count[part].shape)))
+            part = rows, columns = window(np.stack([flat.min((0, 1)), flat.max((0, 1))]), shape)
+            covers.append((part, silhouette(flat - [columns.start, rows.start], count[part].shape)))
             count[part] += covers[-1][1]
         for (scene, k), (part, cover) in zip(where, covers, strict=True):
-            rows, columns = scene.maps[k][v].part_of(shape)
+            rows, columns = window(scene.maps[k][v].box, shape)
             count[part] -= cover
             mask = count[rows, columns] > 0
             scene.others[k][v] = Hidden(mask, (columns.start, rows.start)) if mask.any() else None
