@@ -92,9 +92,9 @@ class Finger:
         self._pose(pose_rng, cut)
         self.cameras = self._eyes(perspective)
         self._rate = 1.0
-        when = np.linspace(0, 1, 201)[:, None]
-        tip = np.stack([self.cameras[0].project(self._axis(float(t))[-1]) for t in when[:, 0]])
-        fastest = np.linalg.norm(np.diff(tip, axis=0), axis=1).max() * 200
+        # all that moves comes round once in 40 frames
+        tip = np.stack([self.cameras[0].project(self._axis(t)[-1]) for t in np.linspace(0, 40, 401)])
+        fastest = np.linalg.norm(np.diff(tip, axis=0), axis=1).max() * 10
         self._rate = speed * TIP_SPEED / fastest
         axis = self.cameras[0].project(self._axis(0.0))
         on = np.flatnonzero((axis[:, 0] > 8) & (axis[:, 0] < SHAPE[1] - 8))
