@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from scipy import ndimage
@@ -103,17 +104,15 @@ def hull(made: Views) -> Score:
 def lots() -> dict[str, Callable[[int], Views]]:
     """What is rendered for each seed, by heading."""
     out: dict[str, Callable[[int], Views]] = {
-        "stereo (15)": lambda seed: generator.pair(seed),
-        "perspective pair": lambda seed: generator.pair(seed, True),
+        "stereo (15)": generator.pair,
+        "perspective pair": partial(generator.pair, perspective=True),
     }
     for amount, shapes in ((0.0, ""), (LUMPY, ", lumpy")):
         for perspective, kind in ((False, "affine"), (True, "perspective")):
             for count in (3, 8, 24):
-
-                def made(seed: int, c: int = count, p: bool = perspective, a: float = amount) -> Views:
-                    return generator.ring(seed, c, p, out_of_round=a)
-
-                out[f"ring of {count}, {kind}{shapes}"] = made
+                out[f"ring of {count}, {kind}{shapes}"] = partial(
+                    generator.ring, count=count, perspective=perspective, out_of_round=amount
+                )
     return out
 
 

@@ -71,12 +71,12 @@ def ring(seed: int, count: int, perspective: bool = False, kind: str | None = No
     kind, mesh, axis = _solid(seed, kind, solid, look.pop("out_of_round", 0.0))
     tilt, about, spin = np.radians(pose.uniform(0, 20)), *pose.uniform(0, 2 * np.pi, 2)
     upright = turn_z(np.pi / 2) @ turn_z(-_heading(axis))
-    turn = _turn_y(about) @ turn_z(tilt) @ _turn_y(spin) @ upright
+    turn = turn_y(about) @ turn_z(tilt) @ turn_y(spin) @ upright
     first, height = place.uniform(0, 2 * np.pi), np.radians(place.uniform(5, 25))
     steps = np.arange(count) + place.uniform(-UNEVEN, UNEVEN, count)
     heights = height + np.radians(place.uniform(-3, 3, count))
-    eyes = [_turn_x(up) @ _turn_y(first + 2 * np.pi * k / count) for k, up in zip(steps, heights, strict=True)]
-    return _seen(seed, kind, mesh, axis, turn, lambda size, scale: _cameras(eyes, size, scale, perspective), **look)
+    eyes = [turn_x(up) @ turn_y(first + 2 * np.pi * k / count) for k, up in zip(steps, heights, strict=True)]
+    return _seen(seed, kind, mesh, axis, turn, lambda size, scale: looking_in(eyes, size, scale, perspective), **look)
 
 
 def pair(seed: int, perspective: bool = False, kind: str | None = None, **look: Any) -> Views:
@@ -92,12 +92,12 @@ def pair(seed: int, perspective: bool = False, kind: str | None = None, **look: 
     kind, mesh, axis = _solid(seed, kind, solid, look.pop("out_of_round", 0.0))
     tilt, about, spin = np.radians(pose.uniform(-35, 35)), *pose.uniform(0, 2 * np.pi, 2)
     lying = turn_z(-_heading(axis))
-    turn = turn_z(about) @ _turn_y(tilt) @ _turn_x(spin) @ lying
+    turn = turn_z(about) @ turn_y(tilt) @ turn_x(spin) @ lying
     alpha = place.uniform(0.1, 0.25)
 
     def eyes(size: int, scale: float) -> list[Camera]:
         if perspective:
-            return _cameras([_turn_y(s * np.arctan(alpha)) for s in (1, -1)], size, scale, True)
+            return looking_in([turn_y(s * np.arctan(alpha)) for s in (1, -1)], size, scale, True)
         out = [Camera.stereo(a, 1 / scale) for a in (alpha, -alpha)]
         for camera in out:
             camera.matrix[:2, 3] = (size - 1) / 2
@@ -150,8 +150,8 @@ def _seen(
     return Views(images, coverages, cameras, clicks, vertices, faces, axis, volume(vertices, faces), kind, seed)
 
 
-def _cameras(eyes: Sequence[np.ndarray], size: int, scale: float, perspective: bool) -> list[Camera]:
-    """Cameras that look at the origin; `scale` in px per world unit there."""
+def looking_in(eyes: Sequence[np.ndarray], size: int, scale: float, perspective: bool) -> list[Camera]:
+    """Cameras that look at the origin, by world-to-camera rotations (3, 3); `scale` in px per world unit there."""
     middle, out = (size - 1) / 2, []
     for rotation in eyes:
         if perspective:
@@ -169,12 +169,14 @@ def _heading(axis: np.ndarray) -> float:
     return float(np.arctan2(chord[1], chord[0]))
 
 
-def _turn_x(angle: float) -> np.ndarray:
+def turn_x(angle: float) -> np.ndarray:
+    """Rotation (3, 3) about X."""
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
 
 
-def _turn_y(angle: float) -> np.ndarray:
+def turn_y(angle: float) -> np.ndarray:
+    """Rotation (3, 3) about Y."""
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
 

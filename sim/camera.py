@@ -59,6 +59,10 @@ class Camera:
         d = points - centre
         return d / np.linalg.norm(d, axis=-1, keepdims=True)
 
+    def depth(self, points: np.ndarray) -> np.ndarray:
+        """Depth of world points (..., 3) as `initial.lift` takes it: along the view's axis, homogeneous if perspective."""
+        return self.distance(points) if self.affine else points @ self.matrix[2, :3] + self.matrix[2, 3]
+
     def distance(self, points: np.ndarray) -> np.ndarray:
         """Depth of world points (..., 3): along the axis from the origin (affine), from the focal point otherwise."""
         if self.affine:

@@ -112,8 +112,7 @@ class Correction:
         if not own:
             return
         for i in reversed(own):
-            for values in (held.list, held.owners, held.tied, held.way):
-                del values[i]
+            held.remove(i)
         with HOST:
             self.follower.loop.hold_springs(self.now)
 

@@ -70,6 +70,11 @@ class Foreground:
     guess: np.ndarray | None = None
     """1 where neither side of the object is seen, so that there is no better word than the map's, shape (h, w); else 0."""
 
+    @property
+    def box(self) -> np.ndarray:
+        """Image points of the first sample and beyond the last, shape (2, 2)."""
+        return np.array([self.origin, np.add(self.origin, np.multiply(self.step, self.inside.shape[::-1]))])
+
     def in_image(self, shape: tuple[int, int], origin: tuple[float, float] = (0.0, 0.0), step: float = 1.0) -> np.ndarray:
         """The map at samples from an image point on, a step [image px] apart, by default pixels; 0 where not looked at."""
         rows = (origin[1] + step * np.arange(shape[0]) - self.origin[1]) / self.step
@@ -258,21 +263,19 @@ class _Look:
 
 def _look(image: np.ndarray, curve: np.ndarray, step: float, margin: float, ignore: np.ndarray | None) -> _Look:
     """The image within a margin [image px] about a curve of image points."""
-    h, w = image.shape[:2]
     lo = np.maximum(np.floor(curve.min(0) - margin), 0.0)
-    hi = np.minimum(np.ceil(curve.max(0) + margin), [w - 1, h - 1])
+    hi = np.minimum(np.ceil(curve.max(0) + margin), np.array(image.shape[1::-1]) - 1)
     width, height = (int(v) for v in np.maximum(np.floor((hi - lo) / step) + 1, 8))
     shape = (height, width)
     # what smoothing before the sampling looks at, and no more: images are large
     pad = int(np.ceil(3 * step)) + 2
     first = np.maximum(lo.astype(int) - pad, 0)
     last = np.ceil(hi).astype(int) + pad + 1
-    part = image[first[1] : last[1], first[0] : last[0]]
-    x = tinted(resample(colours(part), lo - first, step, shape))
+    part = slice(first[1], last[1]), slice(first[0], last[0])
+    x = tinted(resample(colours(image[part]), lo - first, step, shape))
     known = np.ones(shape, bool)
     if ignore is not None:
-        known = ~ignore[first[1] : last[1], first[0] : last[0]]
-        known = resample(known.astype(np.float32), lo - first, step, shape) > 0.5
+        known = resample((~ignore[part]).astype(np.float32), lo - first, step, shape) > 0.5
         x = filled(x, known)
     line = (curve - lo) / step
     return _Look(x, colour_cells(x), known, line, *_from_axis(line, shape), step, lo)
@@ -292,7 +295,6 @@ def _rounds(
         before: a map that is known already, shape (h, w).
     """
     core = core & ~far
-    channels = look.x.shape[2]
     # what is surely background need not be solved for, but for a rim
     walk = Walk.on(look.x, ndimage.binary_dilation(~far, iterations=2))
     inside = core.astype(float) if before is None else before
@@ -300,7 +302,7 @@ def _rounds(
     centre, reach = look.line, np.full(len(look.line), np.inf)
     for k in range(rounds):
         again = k > 0 or before is not None
-        ratio = likelihood(look.cells, mine, look.known, channels)
+        ratio = likelihood(look.cells, mine, look.known, look.x.shape[2])
         odds = np.clip(0.5 * ratio, -6, 6)
         depth = np.zeros(core.shape)
         if again:
@@ -376,8 +378,7 @@ def _middle(mask: np.ndarray, line: np.ndarray) -> np.ndarray:
         sums = np.stack([np.bincount(nearest, w, len(line)) for w in (points[:, 0], points[:, 1], np.ones(len(points)))])
         sums = ndimage.gaussian_filter1d(sums, SMOOTH * half * len(line) / length_of(line), mode="constant") + 1e-9
         # far from all of the object it stays as it is
-        moved = np.where(sums[2] > FAINT, sums[:2] / sums[2], line.T)
-        line = axis_curve(moved.T, len(line))
+        line = axis_curve(np.where(sums[2] > FAINT, sums[:2] / sums[2], line.T).T, len(line))
     return line
 
 

@@ -16,6 +16,13 @@ NEAR, RISE = 1.0, 1.0
 """From a hidden pixel on, in blurs of the potential: how far beta stays 0, and over how far it rises to 1."""
 
 
+def window(box: np.ndarray, shape: tuple[int, ...], room: float = 0.0) -> tuple[slice, slice]:
+    """Rows and columns of an image (H, W) that a box of image points, least and greatest (2, 2), holds, with room."""
+    left, top = np.clip(np.floor(box[0] - room), 0, shape[1::-1]).astype(int).tolist()
+    right, bottom = np.clip(np.ceil(box[1] + room) + 1, 0, shape[1::-1]).astype(int).tolist()
+    return slice(top, bottom), slice(left, right)
+
+
 @dataclass(frozen=True)
 class Hidden:
     """Where an object is hidden in a view."""
@@ -28,11 +35,15 @@ class Hidden:
     def near(self, points: np.ndarray, blur: float) -> np.ndarray:
         """Whether image points (..., 2) are hidden, or so near to it that its edge there is another's."""
         reach = int(np.ceil(NEAR * blur))
-        if reach == 0:
+        if reach == 0 or not points.size:
             return self.at(points)
-        wide = np.pad(self.mask, reach)
-        wide = np.asarray(ndimage.distance_transform_edt(~wide)) <= NEAR * blur
-        return Hidden(wide, (self.corner[0] - reach, self.corner[1] - reach)).at(points)
+        # a mask may be as large as a photograph: only about the points
+        flat = points.reshape(-1, 2) - self.corner
+        rows, columns = window(np.stack([flat.min(axis=0), flat.max(axis=0)]), self.mask.shape, reach)
+        wide = np.pad(self.mask[rows, columns], reach)
+        if wide.any():
+            wide = np.asarray(ndimage.distance_transform_edt(~wide)) <= NEAR * blur
+        return Hidden(wide, (self.corner[0] + columns.start - reach, self.corner[1] + rows.start - reach)).at(points)
 
     def beta(self, potential: Potential) -> np.ndarray:
         """beta of (11) at a potential's samples, shape (h, w): 0 where hidden and nearby, where the edge is another's.

@@ -9,6 +9,7 @@ import numpy as np
 from scipy import ndimage
 
 from .foreground import Foreground, axis_curve, carried_on, foreground
+from .hidden import window
 from .problem import View
 
 OFF = 1.2
@@ -40,7 +41,7 @@ def foregrounds(
     curves = [axis_curve(axis) for axis in axes]
     if view.ignore is not None:
         maps = [completed(map_, curve, view.ignore) for map_, curve in zip(maps, curves, strict=True)]
-    boxes = np.array([[m.origin, np.add(m.origin, np.multiply(m.step, m.inside.shape[::-1]))] for m in maps])
+    boxes = np.array([m.box for m in maps])
     covers: dict[int, tuple[tuple[slice, slice], np.ndarray, np.ndarray]] = {}  # of what lies in front, by the nearest first
     # pictures are large and objects many: only where there is something they are written and cleared again
     none = np.zeros(view.image.shape[:2], bool) if view.ignore is None else view.ignore
@@ -71,12 +72,8 @@ def foregrounds(
 
 def _cover(map_: Foreground, size: tuple[int, ...]) -> tuple[tuple[slice, slice], np.ndarray, np.ndarray]:
     """Where a map's object covers an image of a size (height, width): the part, the cover, one `RIM` wider."""
-    last = np.array(size[1::-1])
-    reach = np.multiply(map_.step, map_.inside.shape[::-1])
-    left, top = np.clip(np.floor(map_.origin) - RIM, 0, last).astype(int).tolist()
-    right, bottom = np.clip(np.ceil(np.add(map_.origin, reach)) + RIM + 1, 0, last).astype(int).tolist()
-    part = slice(top, bottom), slice(left, right)
-    cover = map_.in_image((bottom - top, right - left), (left, top)) > 0.5
+    part = rows, columns = window(map_.box, size, RIM)
+    cover = map_.in_image((rows.stop - rows.start, columns.stop - columns.start), (columns.start, rows.start)) > 0.5
     return part, cover, ndimage.binary_dilation(cover, iterations=round(RIM)) if cover.any() else cover
 
 

@@ -147,7 +147,7 @@ def cues_of(
         axes: rough axis of each, shape (n, 2), image points.
         wanted: which pairs.
     """
-    boxes = [np.array([m.origin, np.add(m.origin, np.multiply(m.step, m.inside.shape[::-1]))]) for m in maps]
+    boxes = [m.box for m in maps]
     out: dict[tuple[int, int], float] = {}
     for i in range(len(maps)):
         for j in range(i + 1, len(maps)):

@@ -149,8 +149,7 @@ class Relaxation:
         self.scene.weights.change(k, weights)
         self._go_on()
         if self._under_way:
-            if self.last:
-                self._hold(HOLD)
+            self._hold_softly()
             self._look_anew()
 
     def _go_on(self) -> None:
@@ -191,8 +190,7 @@ class Relaxation:
             if self.stage > 0:
                 scene.deal()
             scene.hold_tangents()
-            if self.last:
-                self._hold(FIRM if scene.leaves else HOLD)
+            self._hold_softly()
             scene.hold_depth()
             self.loop.set_material(max(LEAST_SHARE, (self.sigma / self._sigmas[0][0][0]) ** 2))
             self.loop.hold_springs(self.iteration)
@@ -258,6 +256,11 @@ class Relaxation:
         if finished or self.diverged or self.iteration >= self._end:
             self._finish_stage()
 
+    def _hold_softly(self) -> None:
+        """Before nodes are to move, at the finest scale."""
+        if self.last:
+            self._hold(FIRM if self.scene.leaves else HOLD)
+
     def _hold(self, stiffness: float) -> None:
         self.scene.hold_shares(stiffness)
         self._firm, self._held = stiffness == FIRM, self.iteration
@@ -277,8 +280,7 @@ class Relaxation:
         """To where the scale started, to do it again by the plain scheme; once."""
         positions, self.scene.time = self._start
         self.scene.rewind(positions)
-        if self.last:
-            self._hold(HOLD)
+        self._hold_softly()
         self.diverged, self._again = self._again, True
         self.loop = Loop(self.scene, careful=True)
         self.loop.hold_springs(self.iteration)

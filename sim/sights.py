@@ -151,6 +151,18 @@ def _pull(
     return sides @ jacobian, (sides * (line[at] - p)[:, None]).sum(axis=2)
 
 
+def meeting(points: Sequence[np.ndarray], cameras: Sequence[Camera]) -> np.ndarray:
+    """World points, shape (n, 3), that come closest to being seen at image points, shape (n, 2) in each view."""
+    sides, heights = [], []
+    for camera, flat in zip(cameras, points, strict=True):
+        m = camera.matrix
+        size = 1 / np.linalg.norm(m[:2, :3])
+        sides.append(size * (m[:2, :3] - flat[..., None] * m[2, :3]))
+        heights.append(size * (flat * m[2, 3] - m[:2, 3]))
+    side, height = np.concatenate(sides, axis=1), np.concatenate(heights, axis=1)
+    return np.stack([np.linalg.lstsq(a, b, rcond=None)[0] for a, b in zip(side, height, strict=True)])
+
+
 def triangulated(axes: Sequence[np.ndarray], cameras: Sequence[Camera]) -> np.ndarray:
     """A rough axis in the world from rough axes in two or more views, end to end the same way.
 
@@ -164,14 +176,7 @@ def triangulated(axes: Sequence[np.ndarray], cameras: Sequence[Camera]) -> np.nd
         shape (200, 3).
     """
     seen = [axis_curve(a) for a in axes]
-    sides, heights = [], []
-    for camera, line in zip(cameras, seen, strict=True):
-        m = camera.matrix
-        size = 1 / np.linalg.norm(m[:2, :3])
-        sides.append(size * (m[:2, :3] - line[..., None] * m[2, :3]))
-        heights.append(size * (line * m[2, 3] - m[:2, 3]))
-    side, height = np.concatenate(sides, axis=1), np.concatenate(heights, axis=1)
-    points = np.stack([np.linalg.lstsq(a, b, rcond=None)[0] for a, b in zip(side, height, strict=True)])
+    points = meeting(seen, cameras)
     basis = np.polynomial.legendre.legvander(np.linspace(-1, 1, len(points)), ROUGH)
     smooth = basis @ np.linalg.lstsq(basis, points, rcond=None)[0]
     return common_axis(smooth, cameras, seen)

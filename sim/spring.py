@@ -148,8 +148,12 @@ class Springs:
         if iteration > self.list[i].start:
             self.list[i] = replace(self.list[i], stop=iteration)
         else:
-            for values in (self.list, self.owners, self.tied, self.way):
-                del values[i]
+            self.remove(i)
+
+    def remove(self, i: int) -> None:
+        """Takes spring i out of the list; those after it move up."""
+        for values in (self.list, self.owners, self.tied, self.way):
+            del values[i]
 
     @property
     def events(self) -> set[int]:
@@ -232,9 +236,7 @@ class Springs:
                 ends[1] = spring.anchor
             else:
                 camera = body.seen_by(spring.view).in_units(1 / body.unit, -body.origin / body.unit)
-                deep = float(camera.matrix[2, :3] @ ends[0] + camera.matrix[2, 3])
-                depth = float(camera.distance(ends[0])) if camera.affine else deep
-                ends[1] = lift(np.array(spring.anchor)[None], camera, depth)[0]
+                ends[1] = lift(np.array(spring.anchor)[None], camera, float(camera.depth(ends[0])))[0]
             out.append(ends)
         return out
 

@@ -299,9 +299,9 @@ def track(
             count = kept.restore(followers) - 1
             for _ in range(count):
                 next(stream, None)
-        waiting = _looks(followers, next(stream, None), pool, count + 1)
+        waiting = looks_ahead(followers, next(stream, None), pool, count + 1)
         while waiting is not None:
-            ahead = _looks(followers, next(stream, None), pool, count + 2)
+            ahead = looks_ahead(followers, next(stream, None), pool, count + 2)
             for follower, looks in zip(followers, waiting, strict=True):
                 if isinstance(looks, str):
                     follower.skip(looks)
@@ -320,8 +320,8 @@ def track(
     return Result(objects, [], None, seconds, settings, followers[0].scene.views)
 
 
-def _looks(
-    followers: list[Follower], images: Sequence[np.ndarray] | str | None, pool: Executor, frame: int
+def looks_ahead(
+    followers: Sequence[Follower], images: Sequence[np.ndarray] | str | None, pool: Executor, frame: int
 ) -> list[list[Future[Look]] | str] | None:
     """What each tube's views show in a frame, under way."""
     if images is None:

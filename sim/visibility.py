@@ -11,7 +11,7 @@ from scipy.sparse.csgraph import connected_components
 from ..kernels import rays
 from .assembly import Assembly
 from .camera import Camera
-from .hidden import Hidden
+from .hidden import Hidden, window
 from .surface import silhouette
 
 AHEAD = 1e-3
@@ -201,8 +201,9 @@ class Visibility:
             depth, owner = self.depth_pass(meshes, (height, width))
         else:
             where = np.zeros((height, width), bool)
-            for low, high in (shared - first).astype(int):
-                where[max(low[1], 0) : high[1] + 2, max(low[0], 0) : high[0] + 2] = True
+            corners = np.floor(shared - first) + np.array([[0, 0], [2, 2]])
+            for (left, top), (right, bottom) in np.maximum(corners, 0).astype(int):
+                where[top:bottom, left:right] = True
             depth, owner = cast_rays(meshes, (height, width), where)
         each = zip(flat, boxes - first, margins, strict=True)
         return [_behind(depth, owner, k, own.mean(axis=0), box, first, margin) for k, (own, box, margin) in enumerate(each)]
@@ -212,26 +213,19 @@ def note_others(scenes: Sequence[Assembly]) -> None:
     """Writes `Assembly.others` of every tube in every view: which pixels of its map's crop any other tube covers."""
     where = [(scene, k) for scene in scenes for k in range(len(scene.tubes))]
     for v, view in enumerate(scenes[0].views):
-        height, width = view.image.shape[:2]
-        count = np.zeros((height, width), np.int32)
-
-        def box(low: np.ndarray, high: np.ndarray, size: tuple[int, int] = (width, height)) -> tuple[slice, slice]:
-            left, top = np.clip(np.floor(low), 0, size).astype(int)
-            right, bottom = np.clip(np.ceil(high) + 1, 0, size).astype(int)
-            return slice(top, bottom), slice(left, right)
-
+        shape = view.image.shape[:2]
+        count = np.zeros(shape, np.int32)
         covers = []
         for scene, k in where:
             flat = view.camera.project(scene.world(k)[0])
-            part = box(flat.min((0, 1)), flat.max((0, 1)))
-            covers.append((part, silhouette(flat - [part[1].start, part[0].start], count[part].shape)))
+            part = rows, columns = window(np.stack([flat.min((0, 1)), flat.max((0, 1))]), shape)
+            covers.append((part, silhouette(flat - [columns.start, rows.start], count[part].shape)))
             count[part] += covers[-1][1]
         for (scene, k), (part, cover) in zip(where, covers, strict=True):
-            map_ = scene.maps[k][v]
-            crop = box(np.array(map_.origin), np.add(map_.origin, np.multiply(map_.step, map_.inside.shape[::-1])))
+            rows, columns = window(scene.maps[k][v].box, shape)
             count[part] -= cover
-            mask = count[crop] > 0
-            scene.others[k][v] = Hidden(mask, (crop[1].start, crop[0].start)) if mask.any() else None
+            mask = count[rows, columns] > 0
+            scene.others[k][v] = Hidden(mask, (columns.start, rows.start)) if mask.any() else None
             count[part] += cover
 
 

@@ -15,7 +15,7 @@ from symseek.sim.correct import Correction, correct
 from symseek.sim.kept import put_back, taken
 from symseek.sim.loop import HOST
 from symseek.sim.spring import Spring
-from symseek.sim.track import Follower, Look, Tracking
+from symseek.sim.track import Follower, Tracking, looks_ahead
 
 from .part import Grip, Part, Snapshot, Wish, gripped
 
@@ -139,23 +139,15 @@ class Film:
         """All tubes on by a frame."""
         frame = self.count
         self._leave()
-        images = self.reel.at(frame)
-        if isinstance(images, str):
-            for follower in self._followers.values():
-                follower.skip(images)
-        else:
-            looks = self._looks(images, frame)
-            for (uid, follower), own in zip(self._followers.items(), looks, strict=True):
-                follower.follow(own)
-                follower.scene.tubes[0] = replace(follower.scene.tubes[0], springs=self.springs.get(uid, ()))
-                self._corrections[uid] = correct(follower, frame)
+        ahead = looks_ahead(list(self._followers.values()), self.reel.at(frame), self._pool, frame)
+        for (uid, follower), looks in zip(self._followers.items(), ahead or (), strict=True):
+            if isinstance(looks, str):
+                follower.skip(looks)
+                continue
+            follower.follow([look.result() for look in looks])
+            follower.scene.tubes[0] = replace(follower.scene.tubes[0], springs=self.springs.get(uid, ()))
+            self._corrections[uid] = correct(follower, frame)
         self._records.append(taken(list(self._followers.values())))
-
-    def _looks(self, images: list[np.ndarray], frame: int) -> list[list[Look]]:
-        made = [
-            [self._pool.submit(f.look, v, image, frame) for v, image in enumerate(images)] for f in self._followers.values()
-        ]
-        return [[one.result() for one in row] for row in made]
 
     def _leave(self) -> None:
         for correction in self._corrections.values():

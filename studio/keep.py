@@ -116,7 +116,7 @@ class Folder:
         bent = isinstance(views, list) and any(isinstance(view, Mapping) and "distortion" in view for view in views)
         if "cameras" in text or bent:
             key, what = ("cameras", "stand in a file") if "cameras" in text else ("view.distortion", "bends the image")
-            raise SceneError(full.name, key, what, "the studio shows one still image as it is: use symseek run")
+            raise SceneError(full.name, key, what, "the studio shows images as they are: use symseek run")
         for view in views if isinstance(views, list) else []:
             for key in ("image", "ignore", "frames"):
                 value = view.get(key, "") if isinstance(view, Mapping) else ""

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from symseek.checks import SceneError
 from symseek.scene import Scene, build
-from symseek.sim.camera import Camera
 from symseek.sim.problem import Tube, View
 
 from .state import Item
@@ -115,17 +112,6 @@ class Scenery:
         if name not in names:
             raise SceneError(self.source, "spines", f"{name!r} is no view", f"the views are {', '.join(names)}")
         return names.index(name)
-
-
-def meeting(cameras: Sequence[Camera], points: Sequence[np.ndarray]) -> np.ndarray:
-    """The world point, shape (3,), that comes closest to being seen at an image point (2,) by each camera."""
-    sides, heights = [], []
-    for camera, point in zip(cameras, points, strict=True):
-        m = camera.matrix
-        size = 1 / np.linalg.norm(m[:2, :3])
-        sides.append(size * (m[:2, :3] - point[:, None] * m[2, :3]))
-        heights.append(size * (point * m[2, 3] - m[:2, 3]))
-    return np.linalg.lstsq(np.concatenate(sides), np.concatenate(heights), rcond=None)[0]
 
 
 def _across(size: tuple[int, ...]) -> list[list[float]]:

@@ -20,9 +20,10 @@ from symseek.sim.foreground import axis_curve
 from symseek.sim.initial import lift
 from symseek.sim.material import Material
 from symseek.sim.problem import Settings, Tube, View
+from symseek.sim.sights import meeting
 from symseek.sim.spring import Spring
 
-from .scenery import Scenery, meeting
+from .scenery import Scenery
 from .state import PALETTE, Item, Point, State, axes_as_keys, events_of, is_pin, rounded, within
 
 DEPTH_GAP = 0.25
@@ -78,7 +79,7 @@ class Session:
             if tube is not None:
                 spine = np.asarray(tube.spine)
                 flat = spine.shape[1] == 2
-                return tube.depth if flat else float((spine @ camera.matrix[2, :3] + camera.matrix[2, 3]).mean())
+                return tube.depth if flat else float(camera.depth(spine).mean())
         return 1.0
 
     def depths(self) -> list[float]:
@@ -89,11 +90,11 @@ class Session:
         tube = next((t for t in map(self.tube, self.state.items) if t is not None), None)
         if tube is None:
             sizes = [np.array(view.image.shape[1::-1]) for view in self.views]
-            at = meeting(cameras, [(size - 1) / 2 for size in sizes])
+            at = meeting([(size[None] - 1) / 2 for size in sizes], cameras)[0]
         else:
             spine = np.asarray(tube.spine, float)
             at = (spine if spine.shape[1] == 3 else lift(spine, cameras[0], tube.depth)).mean(axis=0)
-        return [float(c.distance(at)) if c.affine else float(c.matrix[2, :3] @ at + c.matrix[2, 3]) for c in cameras]
+        return [float(camera.depth(at)) for camera in cameras]
 
     def item(self, uid: int) -> Item:
         """Object `uid`.

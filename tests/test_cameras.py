@@ -180,7 +180,7 @@ def test_clicks_in_bent_images_lead_to_the_true_solid():
     made = generator.pair(2, True, kind="bent", size=256)
     views, spines = [], {}
     for k, (image, camera) in enumerate(zip(made.images, made.cameras, strict=True)):
-        # K and pose of a camera that looks at the origin, see generator._cameras
+        # K and pose of a camera that looks at the origin, see generator.looking_in
         far, middle = camera.matrix[2, 3], camera.matrix[:2, 3] / camera.matrix[2, 3]
         R = camera.matrix[:, :3].copy()
         R[:2] -= middle[:, None] * R[2]

@@ -29,17 +29,10 @@ def session() -> Session:
     return Folder(SQUASH.parent).open("scene.toml")[0]
 
 
-@pytest.fixture
-def engine():
-    engine = Engine()
-    engine.speed = 1e6
-    yield engine
-    engine.close()
-
-
 def show(engine: Engine, session: Session, fresh: bool = False) -> None:
     wishes = {i.uid: Wish(i.structure(), tube) for i in session.state.items if (tube := session.tube(i)) is not None}
-    engine.show(session.views, session.settings(), wishes, fresh).result(60)
+    how = session.scenery.tracking
+    engine.show(session.views, session.settings(), wishes, fresh, session.frames, how).result(60)
 
 
 def rest(engine: Engine) -> dict[int, np.ndarray]:

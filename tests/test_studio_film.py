@@ -15,8 +15,8 @@ from symseek.sim.track import track
 from symseek.studio.engine import Engine
 from symseek.studio.film import CACHED, Reel
 from symseek.studio.keep import Folder
-from symseek.studio.part import Wish
 from symseek.studio.session import Session
+from tests.test_studio_engine import show
 
 FINGER = cli.demos()["finger"]
 COUNT = 5
@@ -47,20 +47,6 @@ def test_frames_by_number_are_those_in_turn(tmp_path):
                 assert all(np.array_equal(a, b) for a, b in zip(found, wanted[k], strict=True))
         assert len(reel._known) <= CACHED
     assert [reel.known(k) is None for k in range(6)] != [True] * 6
-
-
-@pytest.fixture
-def engine():
-    engine = Engine()
-    engine.speed = 1e6
-    yield engine
-    engine.close()
-
-
-def show(engine: Engine, session: Session, fresh: bool = False) -> None:
-    wishes = {i.uid: Wish(i.structure(), tube) for i in session.state.items if (tube := session.tube(i)) is not None}
-    how = session.scenery.tracking
-    engine.show(session.views, session.settings(), wishes, fresh, session.frames, how).result(60)
 
 
 def wait(engine: Engine) -> None:

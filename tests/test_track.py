@@ -8,11 +8,11 @@ from scipy.spatial import KDTree
 
 from benchmarks import truth
 from symseek.device import start_quietly
-from symseek.scenes.finger import Finger
+from symseek.scenes.finger import TIP_SPEED, Finger
 from symseek.sim.problem import Tube, View
 from symseek.sim.track import Tracking, track, velocity
 
-COUNT = 7
+COUNT = 8
 
 
 @pytest.fixture(scope="module")
@@ -40,6 +40,16 @@ def seen(finger, points):
 def found(finger, frames):
     start_quietly()
     return follow(finger, [frame.images for frame in frames])
+
+
+@pytest.mark.parametrize("seed", [0, 11, 12])
+@pytest.mark.parametrize("speed", [1.0, 2.0])
+def test_the_tip_goes_as_fast_as_it_says(seed, speed):
+    """At its fastest, whichever part of its motion that is in."""
+    finger = Finger(seed, speed=speed)
+    tip = np.stack([finger.cameras[0].project(finger._axis(i))[-1] for i in range(300)])
+    fastest = np.linalg.norm(np.diff(tip, axis=0), axis=1).max()
+    assert 0.9 * speed * TIP_SPEED < fastest < 1.02 * speed * TIP_SPEED
 
 
 def test_a_bending_finger_is_followed(finger, frames, found):
@@ -90,7 +100,7 @@ def test_what_is_gone_is_lost_and_taken_up_again(finger, frames):
     stream = [frame.images for frame in frames]
     stream[3] = stream[4] = bare
     (o,) = follow(finger, stream).objects
-    assert [note.startswith("lost") for note in o.notes] == [False, False, False, True, True, False, False]
+    assert [note.startswith("lost") for note in o.notes] == [False, False, False, True, True, False, False, False]
     assert not o.trusted and any("frames 3 to 4: lost" in warning for warning in o.warnings)
     np.testing.assert_array_equal(o.tube[3], o.tube[2])
     nodes = seen(finger, o.tube[-1].reshape(-1, 3))

@@ -69,7 +69,7 @@ def test_axis_that_all_views_see_is_found_from_a_rough_one(perspective, axis, ne
     Where it runs along the eyes' own line, its ends and its bend alone tell.
     """
     K = np.array([[900.0, 0, 0], [0, 900, 0], [0, 0, 1]])
-    turned = [generator._turn_y(a) for a in (-0.1, 0.1)]
+    turned = [generator.turn_y(a) for a in (-0.1, 0.1)]
     cameras = [Camera.perspective(K, r, np.array([0, 0, 400.0])) for r in turned] if perspective else _pair()
     rough = axis[8:-8] + np.array([0.5, -0.5, 6.0])
     found = common_axis(rough, cameras, [c.project(axis) for c in cameras])

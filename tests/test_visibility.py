@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial import KDTree
 
 from symseek.device import start_quietly
 from symseek.render.visibility import DepthPass
 from symseek.scenes import raster, shapes
 from symseek.scenes.synthetic import vertex_normals
 from symseek.sim.camera import Camera
+from symseek.sim.foreground import Foreground
 from symseek.sim.hidden import Hidden
 from symseek.sim.potential import Potential
 from symseek.sim.visibility import Visibility, _grid_faces, cast_rays, hidden_by_depth, hidden_by_rays, note_others, seen
@@ -293,11 +294,25 @@ def test_what_changes_little_is_taken_in_and_not_told():
     assert abs(row - 82) < 0.6
 
 
+def test_near_what_is_hidden():
+    """Within a blur of a hidden pixel's centre, by a search among all of them; of points anywhere about the mask."""
+    rng = np.random.default_rng(4)
+    for blur in (0.7, 1.0, 2.5, 6.0):
+        mask = rng.random((20, 30)) < 0.02
+        mask[3, 4] = True
+        hidden = Hidden(mask, (-5, 7))
+        points = np.rint(rng.uniform(-15, 40, (60, 2)))
+        away = KDTree(np.argwhere(mask)[:, ::-1] + [-5, 7]).query(points)[0]
+        np.testing.assert_array_equal(hidden.near(points, blur), away <= blur)
+        assert not Hidden(mask & False, (0, 0)).near(points, blur).any()
+
+
 def test_where_others_lie():
     """Within its map's crop: whatever its depth, and not where it lies alone."""
     scenes: list[Any] = [upright(100, 0.0), level(80, 5.0), upright(20, 0.0)]
     for scene in scenes:
-        scene.maps, scene.others = [[SimpleNamespace(inside=np.zeros((90, 50)), step=2.0, origin=(60.0, 10.0))]], [[None]]
+        map_ = Foreground(np.zeros((90, 50), np.float32), 2.0, (60.0, 10.0), 100.0, 10.0, np.zeros((2, 2)))
+        scene.maps, scene.others = [[map_]], [[None]]
     note_others(scenes)
     rows, columns = np.mgrid[:200, :200]
     at, on = np.stack([columns, rows], axis=-1), []
