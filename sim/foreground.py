@@ -2,8 +2,7 @@
 
 Colours near the axis and far from it make two histograms; their log likelihood ratio is the prior of a random walker
 (Grady 2005) whose edges are the image's own. Made `ROUNDS` times, each time with the colours of the object found before,
-and led by the most likely ribbon about the axis from the second time on. A thin object is then looked at once more, at
-samples that are fine beside its width.
+led by the most likely ribbon about the axis from the second on. A thin one is looked at again at finer samples.
 """
 
 from __future__ import annotations
@@ -79,7 +78,10 @@ class Foreground:
         """The map at samples from an image point on, a step [image px] apart, by default pixels; 0 where not looked at."""
         rows = (origin[1] + step * np.arange(shape[0]) - self.origin[1]) / self.step
         cols = (origin[0] + step * np.arange(shape[1]) - self.origin[0]) / self.step
-        return ndimage.map_coordinates(self.inside, np.meshgrid(rows, cols, indexing="ij"), order=1, mode="constant")
+        near = [np.flatnonzero((x > -1) & (x < n)) for x, n in zip((rows, cols), self.inside.shape, strict=True)]
+        grid, out = np.meshgrid(rows[near[0]], cols[near[1]], indexing="ij"), np.zeros(shape, self.inside.dtype)
+        out[np.ix_(*near)] = ndimage.map_coordinates(self.inside, grid, order=1, mode="constant")
+        return out
 
 
 def axis_curve(points: np.ndarray, count: int = 200) -> np.ndarray:
@@ -203,10 +205,9 @@ def foreground(
         return found
     look = _look(image, found.axis, step, AROUND * half, ignore)
     before = look.sampled(found)
-    core = look.off <= THIN_CORE * half / step
-    far = (_depth(before < 0.5) > AROUND * half / step) | look.near(marks, MARK * length)
-    far |= look.along(others, THIN_CORE * half / step)
-    return look.found(_rounds(look, core, far, THIN_SLACK * half / step, THIN_ROUNDS, decide, before), length)
+    thin = THIN_CORE * half / step
+    far = (_depth(before < 0.5) > AROUND * half / step) | look.near(marks, MARK * length) | look.along(others, thin)
+    return look.found(_rounds(look, look.off <= thin, far, THIN_SLACK * half / step, THIN_ROUNDS, decide, before), length)
 
 
 @dataclass(frozen=True)
@@ -377,8 +378,7 @@ def _middle(mask: np.ndarray, line: np.ndarray) -> np.ndarray:
         nearest = place[mask]
         sums = np.stack([np.bincount(nearest, w, len(line)) for w in (points[:, 0], points[:, 1], np.ones(len(points)))])
         sums = ndimage.gaussian_filter1d(sums, SMOOTH * half * len(line) / length_of(line), mode="constant") + 1e-9
-        # far from all of the object it stays as it is
-        line = axis_curve(np.where(sums[2] > FAINT, sums[:2] / sums[2], line.T).T, len(line))
+        line = axis_curve(np.where(sums[2] > FAINT, sums[:2] / sums[2], line.T).T, len(line))  # far from the object it stays
     return line
 
 

@@ -35,7 +35,7 @@ class Progress:
     """Where a run is; handed to the callback each iteration."""
 
     def __init__(self, parts: Sequence[Relaxation]):
-        self.parts = parts
+        self.parts = list(parts)
         self.iteration, self.total = 0, parts[0].scene.settings.iterations
         self._where = [(part, k) for part in parts for k in range(len(part.scene.tubes))]
 
@@ -169,14 +169,15 @@ def reconstruct(
         seconds["potential"], seconds["solve"] = waited, seconds["solve"] - waited
         if len(tubes) > 1:
             note_others([part.scene for part in parts])
-        objects = [o for finished in pool.map(_finished, parts) for o in finished]
+        settings, pictures = replace(settings, scheme=parts[0].loop.solver.name), parts[0].pictures
+        waiting = [pool.submit(_finished, part) for part in parts]
+        parts.clear()  # each is let go when it is finished: memory need not hold all of them beside all results
+        objects = [o for finished in waiting for o in finished.result()]
     for o, order in zip(objects, found, strict=True):
         tell(o, order)
     lap("measure")
-    h, w = views[0].image.shape[:2]
-    foreground = maps[0][0].in_image((h, w)) if settings.potential == "map" else None
-    settings = replace(settings, scheme=parts[0].loop.solver.name)
-    return Result(objects, parts[0].pictures, foreground, seconds, settings)
+    foreground = maps[0][0].in_image(views[0].image.shape[:2]) if settings.potential == "map" else None
+    return Result(objects, pictures, foreground, seconds, settings)
 
 
 class Look:
