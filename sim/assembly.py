@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
+from dataclasses import replace
 
 import numpy as np
 import warp as wp
 
 from ..kernels import image as image_kernels
+from .beyond import unseen
 from .camera import Camera
 from .fabric import Fabric
 from .fields import joined, marks
@@ -40,7 +41,8 @@ def maps_of(views: list[View], tubes: list[Tube]) -> list[list[Foreground]]:
             tube.depth if spine.shape[1] == 2 else float(view.camera.distance(spine).mean())
             for spine, tube in zip(world, tubes, strict=True)
         ]
-        maps.append(foregrounds(view, flat, [tube.not_here if v == 0 else None for tube in tubes], depths))
+        marks = [tube.not_here if v == 0 else None for tube in tubes]
+        maps.append(foregrounds(view, flat, marks, depths, [tube.goes_on for tube in tubes]))
     return [list(row) for row in zip(*maps, strict=True)]
 
 
@@ -48,11 +50,15 @@ def _of_view(settings: Settings, row: list[Foreground], map_: Foreground) -> Set
     """Settings whose sigmas, which are in pixels of the first view, are in those of the map's view."""
     if settings.sigmas is None:
         return settings
-    return dataclasses.replace(settings, sigmas=tuple(s * map_.half_width / row[0].half_width for s in settings.sigmas))
+    return replace(settings, sigmas=tuple(s * map_.half_width / row[0].half_width for s in settings.sigmas))
 
 
 class Assembly(Fabric):
-    """Scale spaces, model and state of some tubes; world units outside, initial spine lengths of the first within."""
+    """Scale spaces, model and state of some tubes; world units outside, initial spine lengths of the first within.
+
+    Attributes:
+        own_views: of each tube, what it must not look at left out.
+    """
 
     def __init__(self, views: list[View], tubes: list[Tube], settings: Settings, device: str, maps: list[list[Foreground]]):
         self.views, self.maps = views, maps
@@ -62,13 +68,17 @@ class Assembly(Fabric):
             lift(spine, camera, tube.depth) if spine.shape[1] == 2 else spine
             for spine, tube in zip(spines, tubes, strict=True)
         ]
+        self.own_views = [
+            [replace(v, ignore=unseen(v.ignore, v.camera.project(a), t.goes_on, v.image.shape)) for v in views]
+            for t, a in zip(tubes, self.axes, strict=True)
+        ]
         self.spaces = [
-            [ScaleSpace(view, view.camera, m, _of_view(settings, row, m)) for view, m in zip(views, row, strict=True)]
-            for row in maps
+            [ScaleSpace(view, view.camera, m, _of_view(settings, row, m)) for view, m in zip(own, row, strict=True)]
+            for own, row in zip(self.own_views, maps, strict=True)
         ]
         self.lengths = [length_of(axis_curve(a)) for a in self.axes]
         sizes = [int(np.prod(s.shape)) for row in self.spaces for s in row]
-        self.hidden: list[list[Hidden | None]] = [[Hidden.of(view.ignore) for view in views] for _ in tubes]
+        self.hidden: list[list[Hidden | None]] = [[Hidden.of(view.ignore) for view in own] for own in self.own_views]
         self.others: list[list[Hidden | None]] = [[None] * len(views) for _ in tubes]
         model = Model([t.grid for t in tubes], [t.material.closed for t in tubes], len(views), sum(sizes), device)
         super().__init__(model, tubes, settings, device, self.lengths[0], axis_curve(self.axes[0]).mean(axis=0))
@@ -96,7 +106,7 @@ class Assembly(Fabric):
             carried = self._carried_on(k)
             if len(self.views) > 1:
                 self.axes[k] = carried
-            breaks = [dataclasses.replace(b, at=self._share(b.at, carried)) for b in tube.breaks]
+            breaks = [replace(b, at=self._share(b.at, carried)) for b in tube.breaks]
             self.weights.breaks[k] = breaks
             radius = tube.radius or self._radius(k)
             axis, where = (carried - self.origin) / self.unit, marks(breaks, tube.grid[1])
@@ -217,7 +227,9 @@ class Assembly(Fabric):
 
     @property
     def leaves(self) -> bool:
-        """Whether any closed end lies beyond the image, of several views beyond all."""
+        """Whether any closed end lies beyond the image, of several views beyond all, or where the object goes on."""
+        if any(any(tube.goes_on) for tube in self.tubes):
+            return True
         ends = self.model.host_ring_closed[self.model.node_ring.numpy()]
         return not bool(self._seen(self.state.tube.numpy()[ends]).all())
 

@@ -13,6 +13,7 @@ from scipy import ndimage
 from threadpoolctl import threadpool_limits
 
 from .camera import Camera
+from .hidden import Hidden
 from .potential import Potential
 
 ROD = 1.0
@@ -32,6 +33,7 @@ def bend(
     sizes: Sequence[tuple[int, ...]],
     degree: int,
     closed: bool = True,
+    hidden: Sequence[Hidden | None] | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """The tube moved to where all views' contours lie better on their edges, to first order.
 
@@ -41,6 +43,7 @@ def bend(
         cameras, potentials, sizes: of the views, cameras in the tube's units, sizes (height, width) of their images.
         degree: of the polynomials; 0: a rigid body.
         closed: end rings are points.
+        hidden: where nothing is to be looked at in each view.
 
     Returns:
         tube, spine.
@@ -52,8 +55,8 @@ def bend(
     u = 2 * place / length - 1
     basis = np.polynomial.legendre.legvander(u, degree)
     rows, off = [], []
-    for camera, potential, size in zip(cameras, potentials, sizes, strict=True):
-        at, points, normal, share = contour(tube, camera, size, closed)
+    for camera, potential, size, hides in zip(cameras, potentials, sizes, hidden or [None] * len(cameras), strict=True):
+        at, points, normal, share = contour(tube, camera, size, closed, hides)
         if len(at):
             pixels, slope = linearised(camera, points)
             m = np.einsum("nij,nj->ni", slope, normal)
@@ -92,9 +95,9 @@ def bend(
 
 
 def contour(
-    tube: np.ndarray, camera: Camera, size: tuple[int, ...], closed: bool
+    tube: np.ndarray, camera: Camera, size: tuple[int, ...], closed: bool, hidden: Hidden | None = None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Where the occluding contour i.n = 0 crosses the grid's lines within an image of a size (height, width).
+    """Where the occluding contour i.n = 0 crosses the grid's lines within an image of a size (height, width), not hidden.
 
     Returns:
         place along s [rings] (n,), point (n, 3), normal (n, 3), root of the share of the contour that it stands for (n,).
@@ -127,6 +130,8 @@ def contour(
     at, point, n, long = (np.concatenate(parts) for parts in zip(*found, strict=True))
     pixels = camera.project(point)
     within = ((pixels >= 0) & (pixels <= np.array(size[1::-1]) - 1)).all(axis=1)
+    if hidden is not None:
+        within &= ~hidden.at(pixels)
     at, point, n, long = at[within], point[within], n[within], long[within]
     return at, point, n, np.sqrt(long / max(long.sum(), 1e-30))
 

@@ -13,7 +13,7 @@ from .loop import HOST
 from .spring import Spring
 
 if TYPE_CHECKING:
-    from .track import Follower, Look
+    from .follow import Follower, Look
 
 AFTER = 60
 """Iterations after the last spring has taken hold or let go."""
@@ -95,7 +95,7 @@ class Correction:
         scene = self.follower.scene
         tube, spine = scene.world(0)
         self._looks = [self.follower.looked(v, view.image, tube, spine) for v, view in enumerate(scene.views)]
-        scene.spaces, scene.maps = [[look.space for look in self._looks]], [[look.space.map for look in self._looks]]
+        self.follower.show(self._looks)
         scene.set_potentials([[look.potentials[-1] for look in self._looks]])
 
     def finish(self) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from .track import Follower
+    from .follow import Follower
 
 WORDS = 160
 """Longest note that is kept, in bytes."""

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import ndimage
 
+from .beyond import unseen
 from .foreground import Foreground, axis_curve, carried_on, foreground
 from .hidden import window
 from .problem import View
@@ -23,7 +24,11 @@ RIM = 1.0
 
 
 def foregrounds(
-    view: View, axes: Sequence[np.ndarray], marks: Sequence[np.ndarray | None], depths: Sequence[float]
+    view: View,
+    axes: Sequence[np.ndarray],
+    marks: Sequence[np.ndarray | None],
+    depths: Sequence[float],
+    goes_on: Sequence[tuple[bool, bool]] | None = None,
 ) -> list[Foreground]:
     """The foreground map of each object.
 
@@ -36,15 +41,16 @@ def foregrounds(
         axes: rough axis of each object, shape (n, 2), image points.
         marks: image points (k, 2) of each that are not it, or None.
         depths: of each, larger is further away; of two as deep, neither is in front.
+        goes_on: of each, see `Tube.goes_on`.
     """
-    maps = [foreground(view.image, axis, view.ignore, own) for axis, own in zip(axes, marks, strict=True)]
-    curves = [axis_curve(axis) for axis in axes]
-    if view.ignore is not None:
-        maps = [completed(map_, curve, view.ignore) for map_, curve in zip(maps, curves, strict=True)]
+    curves, size = [axis_curve(axis) for axis in axes], view.image.shape[:2]
+    masks = [unseen(view.ignore, c, e, size) for c, e in zip(curves, goes_on or [(False, False)] * len(axes), strict=True)]
+    maps = [foreground(view.image, *own) for own in zip(axes, masks, marks, strict=True)]
+    maps = [m if mask is None else completed(m, c, mask) for m, c, mask in zip(maps, curves, masks, strict=True)]
     boxes = np.array([m.box for m in maps])
     covers: dict[int, tuple[tuple[slice, slice], np.ndarray, np.ndarray]] = {}  # of what lies in front, by the nearest first
     # pictures are large and objects many: only where there is something they are written and cleared again
-    none = np.zeros(view.image.shape[:2], bool) if view.ignore is None else view.ignore
+    none = np.zeros(size, bool)
     hides, ignore = none.copy(), none.copy()
     for k in sorted(range(len(axes)), key=lambda k: depths[k]):
         near = np.all((boxes[:, 0] < boxes[k, 1]) & (boxes[k, 0] < boxes[:, 1]), axis=1)
@@ -55,15 +61,17 @@ def foregrounds(
         ahead = [j for j in beside if depths[j] < depths[k]]
         for j in ahead:
             if j not in covers:
-                covers[j] = _cover(maps[j], none.shape)
+                covers[j] = _cover(maps[j], size)
             part, mask, wide = covers[j]
             hides[part] |= mask
             ignore[part] |= wide
-        masked = bool(ahead) or view.ignore is not None
+        mask = masks[k]
+        masked = bool(ahead) or mask is not None
         others = [_apart(curves[j], curves[k], OFF * maps[k].half_width) for j in beside if j not in ahead]
-        maps[k] = foreground(view.image, axes[k], ignore if masked else None, marks[k], others)
+        wide = ignore if mask is None else ignore | mask
+        maps[k] = foreground(view.image, axes[k], wide if masked else None, marks[k], others)
         if masked:
-            maps[k] = completed(maps[k], curves[k], hides)
+            maps[k] = completed(maps[k], curves[k], hides if mask is None else hides | mask)
         for j in ahead:
             part = covers[j][0]
             hides[part] = ignore[part] = none[part]

@@ -28,7 +28,7 @@ class Palette:
     """
 
     def __init__(self, view: View, map_: Foreground):
-        self.camera, self.ignore = view.camera, view.ignore
+        self.camera = view.camera
         self.half_width, self.length = map_.half_width, map_.length
         self.step = max(map_.half_width / FINE, FINEST)
         low, high = map_.axis.min(axis=0), map_.axis.max(axis=0)
@@ -38,32 +38,44 @@ class Palette:
         mine = ndimage.map_coordinates(map_.inside, at, order=1, mode="constant") > 0.5
         self.low = x.min(axis=(0, 1))
         self.bin = (x.max(axis=(0, 1)) - self.low + 1e-6) / BINS[x.shape[2]]
-        cells, known = self._cells(x), self._known(origin, (x.shape[0], x.shape[1]))
+        cells, known = self._cells(x), _known(view, origin, self.step, (x.shape[0], x.shape[1]))
         fore, back = (histogram(cells, part & known, x.shape[2]) for part in (mine, ~mine))
         self.ratio = np.clip(np.log((fore + 1e-7) / (back + 1e-7)), -2 * SURE, 2 * SURE).astype(np.float32)
 
-    def map(self, image: np.ndarray, tube: np.ndarray, spine: np.ndarray, wide: float = 1.0) -> Foreground:
+    def map(self, view: View, tube: np.ndarray, spine: np.ndarray, wide: float = 1.0) -> Foreground:
         """The map of another frame.
 
         Args:
-            image: shape (H, W) or (H, W, 3), in [0, 1].
+            view: its image and what is not to be looked at; there the map is the tube's own silhouette.
             tube: where the object must be about, shape (N_x, N_s, 3), world units.
             spine: shape (N_s, 3).
             wide: how much further than `SLACK` from it colours alone decide.
         """
         points = self.camera.project(tube)
         flat = points.reshape(-1, 2)
-        x, origin = self._sampled(image, flat.min(axis=0), flat.max(axis=0), AROUND * max(1.0, wide) * self.half_width)
+        x, origin = self._sampled(view.image, flat.min(axis=0), flat.max(axis=0), AROUND * max(1.0, wide) * self.half_width)
         shape = (x.shape[0], x.shape[1])
         within = silhouette((points - origin) / self.step, shape)
         depth = signed_depth(within) * self.step / (wide * SLACK * self.half_width)
-        odds = np.where(self._known(origin, shape), 0.5 * self.ratio[self._cells(x)], 0.0)
+        odds = np.where(_known(view, origin, self.step, shape), 0.5 * self.ratio[self._cells(x)], 0.0)
         odds = ndimage.gaussian_filter(odds, BLUR, mode="nearest")
         odds += SHAPE * np.sign(depth) * np.maximum(np.abs(depth) - 0.5, 0)
         inside = 1 / (1 + np.exp(-np.clip(2 * odds, -30, 30)))
         inside = ndimage.gaussian_filter(inside, ROUND, mode="nearest").astype(np.float32)
         axis = self.camera.project(spine)
         return Foreground(inside, self.step, (float(origin[0]), float(origin[1])), self.length, self.half_width, axis)
+
+    def odds(self, image: np.ndarray, origin: np.ndarray, step: float, shape: tuple[int, int]) -> np.ndarray:
+        """Log odds of the colours at samples of an image from an image point on; beyond the image least."""
+        first = np.clip(np.floor(origin), 0, np.array(image.shape[1::-1]) - 9).astype(int)
+        last = np.clip(np.ceil(origin + step * np.array(shape[::-1])), first + 8, np.array(image.shape[1::-1]) - 1).astype(
+            int
+        )
+        part = image[first[1] : last[1] + 1, first[0] : last[0] + 1]
+        said = 0.5 * self.ratio[self._cells(tinted(colours(resample(part, origin - first, step, shape))))]
+        rows, cols = (origin[1 - i] + step * np.arange(n) for i, n in enumerate(shape))
+        inside = [(at >= -0.5) & (at <= n - 0.5) for at, n in zip((rows, cols), image.shape, strict=False)]
+        return np.where(np.logical_and.outer(*inside), said, -SURE)
 
     def seen(self, map_: Foreground, tube: np.ndarray) -> float:
         """How far a tube, shape (N_x, N_s, 3), and a map's object are one: the less of what each holds of the other.
@@ -88,10 +100,12 @@ class Palette:
         q = np.clip(((x - self.low) / self.bin).astype(int), 0, BINS[x.shape[2]] - 1)
         return np.asarray(np.ravel_multi_index(tuple(np.moveaxis(q, 2, 0)), (BINS[x.shape[2]],) * x.shape[2]))
 
-    def _known(self, origin: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-        if self.ignore is None:
-            return np.ones(shape, bool)
-        return resample((~self.ignore).astype(np.float32), origin, self.step, shape) > 0.5
+
+def _known(view: View, origin: np.ndarray, step: float, shape: tuple[int, int]) -> np.ndarray:
+    """Samples (h, w), bool, that may be looked at."""
+    if view.ignore is None:
+        return np.ones(shape, bool)
+    return resample((~view.ignore).astype(np.float32), origin, step, shape) > 0.5
 
 
 def signed_depth(mask: np.ndarray) -> np.ndarray:

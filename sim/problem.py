@@ -46,6 +46,8 @@ class Tube:
     """discontinuities across the object."""
     not_here: np.ndarray | None = None
     """marks by the user that the object is not here, shape (k, 2), image points (column, row)."""
+    goes_on: tuple[bool, bool] = (False, False)
+    """whether the object goes on beyond the first and the last end of the axis: what lies past it is not looked at."""
     springs: tuple[Spring, ...] = ()
     figure: str | None = None
     """what it is a part of: tubes of one figure are united into one solid."""

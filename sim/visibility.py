@@ -143,7 +143,7 @@ class Visibility:
             for i, hidden in self._view(v, view.camera, view.image.shape[:2], worlds).items():
                 number, k = where[i]
                 own = scenes[number].hidden[k]
-                hidden = Hidden.of(view.ignore, hidden)
+                hidden = Hidden.of(scenes[number].own_views[k][v].ignore, hidden)
                 much = _differ(own[v], hidden)
                 if much is not None:
                     changed[number] = bool(changed[number]) or much

@@ -25,6 +25,7 @@ class Frames:
     Attributes:
         fps: frames a second, of a video; else None.
         lens: what bends them, if anything; they come out straight.
+        crops: whether each is cut out about the object, of a size of its own; its first pixel is the origin.
 
     Args:
         table: the [[view]] table.
@@ -41,6 +42,7 @@ class Frames:
         self._files: Sequence[Path | np.ndarray] = []
         self.fps: float | None = None
         self.lens: Lens | None = None
+        self.crops = table.flag("crops", False)
         if isinstance(value, os.PathLike):
             value = os.fspath(value)
         if isinstance(value, list | tuple | np.ndarray):
@@ -133,6 +135,6 @@ def together(sources: Sequence[Frames]) -> Iterator[list[np.ndarray] | str]:
             return
         bad = [p for p in pictures if isinstance(p, str)]
         good = [p for p in pictures if isinstance(p, np.ndarray)]
-        if not bad and any(p.shape[:2] != s for p, s in zip(good, size, strict=True)):
-            bad = ["it has another size than the first"]
+        if not bad and any(p.shape[:2] != s and not f.crops for p, s, f in zip(good, size, sources, strict=True)):
+            bad = ["it has another size than the first; is it a tracker's crop (crops = true)?"]
         yield f"skipped: {bad[0]}" if bad else good

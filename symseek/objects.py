@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from .checks import Bounds, Table, is_number, shown
+from .sim.beyond import NAMES
 from .sim.curve import shoelace
 from .sim.initial import lift
 from .sim.problem import Settings, Sheet, SheetMaterial, Snake, SnakeMaterial, Tube, View
@@ -26,7 +27,7 @@ LINE_BOUNDS: Bounds = {f.name: (0.0, 1e6) for m in (SnakeMaterial, SheetMaterial
 
 SHARED_KEYS = ["name", "kind", "material", "not_here", "spring"]
 KINDS = {
-    "tube": ["spine", "spines", "radius", "depth", "grid", "break", "figure"],
+    "tube": ["spine", "spines", "radius", "depth", "grid", "break", "figure", "goes_on"],
     "snake": ["points", "closed", "nodes"],
     "sheet": ["corners", "depth", "grid", "load", "image"],
 }
@@ -242,7 +243,7 @@ def _tube(table: Table, views: list[View], scale: float, shared: dict[str, Any])
     return Tube(
         spine=spine, radius=radius, depth=depth, find_depth=find_depth, grid=grid,
         material=material_of(table, grid), breaks=breaks_of(table, grid[1], view), figure=figure,
-        **shared,
+        goes_on=NAMES[table.text("goes_on", "no", choices=NAMES)], **shared,
     )  # fmt: skip
 
 

@@ -45,7 +45,7 @@ SETTINGS_BOUNDS: Bounds = {
 
 TOP_KEYS = ["name", "units", "scale", "cameras", "images", "view", "object", "solver", "track", "output"]
 TRACK_BOUNDS: Bounds = {"iterations": (1, 10_000), "first": ("rod", "rigid", "none"), "fps": (1e-6, 1e6)}
-VIEW_KEYS = ["name", "image", "frames", "projection", "alpha", "K", "R", "t", "distortion", "P", "camera", "ignore"]
+VIEW_KEYS = ["name", "image", "frames", "projection", "alpha", "K", "R", "t", "distortion", "P", "camera", "ignore", "crops"]
 PROJECTION_KEYS = {
     "orthographic": [], "stereo": ["alpha"], "perspective": ["K", "R", "t", "distortion"], "matrix": ["P"],
     "file": ["camera"],
@@ -278,6 +278,12 @@ def _view(
         table.fail("projection", "is 'file', and the scene names none", 'give cameras = "sparse/0" or "transforms.json"')
     found = find_shot(table, shots) if projection == "file" else _camera(table, projection, scale)
     frames = Frames(table, base) if "frames" in table else None
+    if "crops" in table and frames is None:
+        table.fail("crops", "is for moving scenes", 'give frames = "left.mp4", or remove it')
+    if frames is not None and frames.crops:
+        for key in ("ignore", "distortion"):
+            if key in table:
+                table.fail(key, "stands beside crops", "each has a size and a place of its own: remove one of the two")
     image = images.read(table, "image", base) if frames is None else frames.first
     camera, lens = found.fitted(table, image.shape) if isinstance(found, Shot) else (found, _lens(table, image))
     ignore = None

@@ -188,6 +188,7 @@ class Scene:
             camera, image, ignore = eye or Camera.orthographic(), np.zeros((200, 200)), None
 
         self.views, self.tubes, self.nodes = [View()], [None], nodes
+        self.own_views = [self.views]
         self.hidden: list[list[Hidden | None]] = [[None]]
 
     def world(self, k: int):
