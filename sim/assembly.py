@@ -12,13 +12,14 @@ from .camera import Camera
 from .fabric import Fabric
 from .fields import joined, marks
 from .foreground import Foreground, axis_curve, length_of
+from .guide import LEAST, MODES, course, ends, weakest
 from .hidden import Hidden
 from .initial import deal, fading, initial_tube, lift
 from .model import Model
 from .neighbours import foregrounds
 from .potential import Potential, ScaleSpace
 from .problem import Settings, Tube, View
-from .sights import common_axis, pixel_size, spread, untold
+from .sights import common_axis, pixel_size, spread, stiffness, untold
 from .solvers.base import end_mass
 from .spring import Held, Springs
 
@@ -135,7 +136,8 @@ class Assembly(Fabric):
         sights = np.stack([view.camera.sight(where) for view in self.views], axis=1)
         by_node, by_ring, told = spread(sights, self.share[self.model.host_ring_tube])
         self.model.spread.assign(by_node.astype(np.float32))
-        self.model.boost.assign(by_ring.astype(np.float32))
+        # at coarse scale the shape is none yet whose outlines tell depth
+        self.model.boost.assign(((1 - self.weights.share) * by_ring).astype(np.float32))
         for k in range(len(self.tubes)):
             rings = self.model.rings_of(k)
             self.weights.told[k] = bool(told[rings].all())
@@ -190,7 +192,31 @@ class Assembly(Fabric):
             nx, ns = tube.grid
             rings = self.model.rings_of(k)
             far[rings] = fading(tubes[self.model.nodes_of(k)].reshape(ns, nx, 3).transpose(1, 0, 2), spines[rings])
+        self._lead()
         self.model.ring_far.assign((far[:, None] ** np.arange(self.model.ring_far.shape[1])).astype(np.float32))
+
+    def _lead(self) -> None:
+        """Writes where spines lead that are seen from almost one side (`guide`)."""
+        if len(self.views) == 1 or self.settings.force == "paper":
+            return
+        tubes, spines = self.positions()
+        where = spines * self.unit + self.origin
+        sights = np.stack([view.camera.sight(where) for view in self.views], axis=1)
+        weak = weakest(*stiffness(sights, self.share[self.model.host_ring_tube]))
+        modes, say = np.zeros((self.model.rings, MODES)), np.zeros(self.model.rings)
+        for k, (nx, ns) in enumerate(self.model.grids):
+            rings = self.model.rings_of(k)
+            own = tubes[self.model.nodes_of(k)].reshape(ns, nx, 3)
+            radius = np.linalg.norm(own - own.mean(axis=1, keepdims=True), axis=2).mean(axis=1)
+            # the first tube is thinner than the object
+            least = self._radius(k) / self.unit if self.weights.share == 1 else 0.0
+            body = ends(spines[rings], np.maximum(radius, least)) ** 2 if self.tubes[k].material.closed else np.ones(ns)
+            own_say = LEAST + (1 - LEAST) * body
+            weak[rings] *= np.sqrt(1 - own_say)[:, None]
+            modes[rings], say[rings] = course(spines[rings], radius, own_say)
+        self.model.weak.assign(weak.astype(np.float32))
+        self.model.course_modes.assign(modes.astype(np.float32))
+        self.model.course_say.assign(say.astype(np.float32))
 
     def hold_shares(self, stiffness: float) -> None:
         """Lets nodes keep the shares of the meridians, their ways from ring to ring, that they have now."""

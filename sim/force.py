@@ -92,6 +92,16 @@ def add_forces(model: Model, state: State, contour_kind: str, literal: bool, tau
     )
     sums = [m.ring_tube, m.ring_node, m.tube_nx]
     if m.views > 1:
+        wp.launch(
+            depth.guide,
+            m.tubes,
+            inputs=[
+                m.tube_ring, m.tube_ns, m.tube_nx, m.ring_node, m.guide, m.weak, m.course_modes, m.course_say,
+                s.spine, s.centroid, s.tangent,
+            ],
+            outputs=[s.course, s.force, s.spine_force],
+            device=m.device,
+        )  # fmt: skip
         wp.launch(depth.ring_sums, m.rings, inputs=[*sums, s.force], outputs=[s.pull], device=m.device)
     for view in range(m.views):
         wp.launch(

@@ -78,7 +78,8 @@ class Material:
     centre: Weight = 0.5
     """a closed end in the middle of its cap (ours): springs to the next ring, of their mean length."""
     depth: Weight = 0.1
-    """the spine at the depth it was given, which a lone view cannot see (ours); no part of it in several views."""
+    """the spine at the depth it was given, which a lone view cannot see (ours); in views from almost one side the
+    ends at the depth that the body, told better, leads to; no part of it in views all around."""
     closed: bool = True
     """ends cinched shut, the limit c(0), c(1) -> -infinity of (9): an end ring moves as one node."""
 

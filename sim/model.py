@@ -10,6 +10,7 @@ import warp as wp
 
 from ..kernels import coupling, image, projection
 from .camera import Camera
+from .guide import MODES
 
 SPINE_TO_RING, REACTION, SYMMETRY, EXPAND, BALANCE, UPRIGHT, CENTRE, DEPTH = range(8)
 """Columns of `Model.coupling`."""
@@ -70,6 +71,9 @@ class Model:
         eyes: cameras in each tube's units, shape (V,) (see `set_cameras`).
         fields: potential of each tube in each view, shape (K, V).
         samples: all potentials' samples, (pull column, pull row, pressure, pressure at a pole) [px].
+        guide, weak: strength of the pull to a spine's course, shape (R,), and the direction that it acts in, as long as the
+            root of how much it is needed, shape (R,) (`guide.weakest`).
+        course_modes, course_say: of each spine's course, shape (R, MODES), and weights, shape (R,) (`guide.course`).
         spread, boost: of what views pull a ring by over directions, by node and by ring (`sights.spread`), shape (R,).
     """
 
@@ -138,6 +142,9 @@ class Model:
         self.fields = wp.zeros((self.tubes, views), dtype=image.Field, device=device)  # pyright: ignore
         self.samples = wp.zeros(samples, dtype=wp.vec4, device=device)
         self.spread = wp.full(self.rings, wp.mat33(*np.eye(3).ravel()), dtype=wp.mat33, device=device)
+        self.guide, self.course_say = (wp.zeros(self.rings, dtype=float, device=device) for _ in range(2))
+        self.weak = wp.zeros(self.rings, dtype=wp.vec3, device=device)
+        self.course_modes = wp.zeros((self.rings, MODES), dtype=float, device=device)
         self.boost = wp.zeros(self.rings, dtype=wp.mat33, device=device)
 
     def nodes_of(self, k: int) -> slice:
@@ -197,6 +204,7 @@ class State:
         self.normal, self.facing = vectors(model.nodes), scalars(model.nodes)
         self.natural_bend, self.tension = vectors(model.rings), vectors(model.rings)
         self.centroid, self.tangent, self.tilt, self.pull = (vectors(model.rings) for _ in range(4))
+        self.course = wp.zeros((model.tubes, MODES), dtype=wp.vec3, device=model.device)  # pyright: ignore
         self.radius, self.gap, self.held = (scalars(model.rings) for _ in range(3))
         self.delta, self.low = vectors(model.nodes), vectors(4 * model.rings)
         self.residual, self.power = scalars(model.rings), scalars(model.rings)

@@ -186,13 +186,14 @@ class Relaxation:
             self.pictures.append(self.potentials[0][0].picture)
         self.sigma = self._sigmas[self.stage][0][0]
         with HOST:
+            scene.weights.share = max(LEAST_SHARE, (self.sigma / self._sigmas[0][0][0]) ** 2)
             scene.set_potentials(self.potentials)
             if self.stage > 0:
                 scene.deal()
             scene.hold_tangents()
             self._hold_softly()
             scene.hold_depth()
-            self.loop.set_material(max(LEAST_SHARE, (self.sigma / self._sigmas[0][0][0]) ** 2))
+            self.loop.set_material()
             self.loop.hold_springs(self.iteration)
             scene.stand_still()
             self._start = scene.positions(), scene.time

@@ -86,7 +86,7 @@ class Weights:
         m = self.model
         fresh = {n: np.zeros(m.nodes) for n in ("w10", "w20", "w11", "w01", "w02", "mu", "gamma", "bound10", "bound01")}
         fresh |= {n: np.zeros((m.nodes, 3)) for n in ("stretch10", "stretch01", "curvature")}
-        fresh |= {n: np.zeros(m.rings) for n in ("w1", "w2", "k1", "spine_mu", "spine_gamma", "bound1")}
+        fresh |= {n: np.zeros(m.rings) for n in ("w1", "w2", "k1", "spine_mu", "spine_gamma", "bound1", "guide")}
         fresh |= {"spine_stretch": np.tile([-1.0, 0.0], (m.rings, 1)), "spine_curvature": np.zeros((m.rings, 2))}
         fresh |= {"bend_basis": np.zeros((m.rings, BEND_DEGREE + 1))}
         looks = ("ring_first", "ring_last", "spine_first", "spine_last", "look_first", "look_last")
@@ -141,6 +141,8 @@ class Weights:
             lap = (2 * np.sin(np.pi / nx) * nx) ** 2
             contraction = _mean(f["w10"]) * lap + _mean(f["w20"]) * lap**2 * (f["C20"] is None)
             f["balance"], f["reaction"] = f["c_balance"] * contraction, f["a"] * f["reaction"]
+            if self.told[k] and not self.spine_cuts[k]:
+                fresh["guide"][rings] = f["depth"]
             f["depth"] = f["depth"] * (not self.told[k])
             coupling[rings] = np.stack([f[name] for name in COUPLING], axis=1)
         changed = {name for name, value in fresh.items() if self._assign(name, value)}

@@ -65,7 +65,7 @@ class SolverADI(Solver):
             self._factor_rings(host, coupling)
         if touches(changed, ALONG):
             self._factor_meridians(host)
-        low = touches(changed, ALONG | {"reaction", "b", "depth"})
+        low = touches(changed, ALONG | {"reaction", "b", "depth", "guide"})
         if low:
             self._factor_slow(host)
         spine = touches(changed, SPINE | {"a"})

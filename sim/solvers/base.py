@@ -22,7 +22,7 @@ SPINE = frozenset({"w1", "w2", "k1", "bound1"})
 """Arrays of the model that make the stiffness of rings, of meridians and of the spine."""
 INERTIA = frozenset({"mu", "gamma", "spine_mu", "spine_gamma"})
 """Those that make P's inertia."""
-MATRIX = AROUND | ALONG | SPINE | INERTIA | {"w11", "a", "reaction", "b", "d", "depth"}
+MATRIX = AROUND | ALONG | SPINE | INERTIA | {"w11", "a", "reaction", "b", "d", "depth", "guide"}
 """All that P and the longest step depend on."""
 
 
@@ -219,7 +219,7 @@ class Solver:
     def tie(self) -> np.ndarray:
         """Stiffness of the ties of a ring's mean to the spine and to its depth, (7) and (8), shape (R,)."""
         coupling = self.model.coupling.numpy().astype(float)
-        return coupling[:, REACTION] + 0.5 * coupling[:, SYMMETRY] + coupling[:, DEPTH]
+        return coupling[:, REACTION] + 0.5 * coupling[:, SYMMETRY] + coupling[:, DEPTH] + self.model.guide.numpy()
 
     def margins(self, k: int, dt: float) -> np.ndarray:
         """Stiffness of the image's force that a step leaves room for in tube k's modes around, 0 to N_x // 2 (`bounds`).
