@@ -7,7 +7,8 @@ import pytest
 import trimesh
 
 from benchmarks import accuracy, lines, truth
-from benchmarks.peers import contour_peer, generalised_cylinder, inflation, line_solvers
+from benchmarks.peers import contour_peer, generalised_cylinder, inflation, large_steps, line_solvers
+from symseek.scenes import views
 from symseek.scenes.synthetic import KINDS, make
 from symseek.sim.camera import Camera
 from tests import reference
@@ -154,3 +155,17 @@ def test_line_solvers_solve_the_same_step(tubes):
             kind(step).solve(v)
         expected = whole if kind is line_solvers.SparseFactors else split
         np.testing.assert_allclose(v.reshape(tubes, 72, 3), expected, atol=2e-6)
+
+
+def test_a_free_mesh_starts_about_the_axis_and_gets_masks_by_area():
+    made = views.ring(1, 3, perspective=True, kind="bent", size=200)
+    vertices, faces = large_steps.ellipsoid(np.array([[0, 0, 0], [1, 1, 0], [4.0, 0, 0]]), 0.25)
+    assert truth.volume(vertices, faces) == pytest.approx(np.pi / 6 * 4 * 1 * 1, rel=0.01)
+    np.testing.assert_allclose(np.ptp(vertices, axis=0), [4, 1, 1], rtol=0.01)
+    small = large_steps.reduced(made.coverages[0])
+    assert small.shape == (large_steps.SIZE, large_steps.SIZE) and 0 <= small.min() and small.max() <= 1 + 1e-6
+    assert small.mean() == pytest.approx(made.coverages[0].mean(), rel=1e-5)
+    centre = np.indices(small.shape)[1][small > 0.5].mean() * 200 / large_steps.SIZE
+    assert centre == pytest.approx(np.indices((200, 200))[1][made.coverages[0] > 0.5].mean(), abs=1.0)
+    widest = large_steps.thickness(made, made.spine)
+    assert 0.15 < widest < 0.5
