@@ -220,9 +220,10 @@ class Follower:
         with HOST:
             if start is not None:
                 self._begin(looks, start)
+            scene.weights.share = SHARE
             scene.set_potentials([[look.potentials[-1] for look in looks]])
             scene.hold_tangents()
-            self.loop.set_material(SHARE)
+            self.loop.set_material()
             if start is not None:
                 scene.stand_still()
         self.loop.run(self.tracking.iterations)

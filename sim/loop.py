@@ -45,9 +45,9 @@ class Loop:
         assert capture.graph is not None
         self.graph = capture.graph
 
-    def set_material(self, share: float | None = None) -> None:
+    def set_material(self) -> None:
         """Writes the weights anew and makes the factors again that depend on what changed; see `Assembly.set_material`."""
-        changed, mass = self.scene.set_material(share), self.solver.mass
+        changed, mass = self.scene.set_material(), self.solver.mass
         if changed:
             self.solver.material_changed(changed)
             self.scene.springs.take_implicitly(self._step_under)
