@@ -16,6 +16,7 @@ from .palette import AROUND, Palette
 from .potential import Potential, ScaleSpace
 from .problem import View
 from .relax import HOLD, Relaxation
+from .retake import profile, retaken
 from .search import shifted
 
 SHARE = 0.03
@@ -35,6 +36,8 @@ LEAST_SEEN, LEAST_BACK = 0.85, 0.9
 """Of how far tube and object are one by its colours (`Palette.seen`), over the first frame's: lost below, back above."""
 MOST_OFF = 0.2
 """How far the contour may be off its edges on average, in half widths; half of that to be taken up again."""
+NEAR = 0.6
+"""How near its edges the contour counts as there in any case when it is to be taken up again [px]."""
 MOST_OUT = 0.5
 """Share of the silhouette that may lie beyond the image."""
 FINE = 20.0
@@ -102,6 +105,8 @@ class Follower:
         tube, spine = self.world(self.states[0])
         pairs = zip(self.palettes, scene.own_views[0], strict=True)
         self.whole = [palette.seen(palette.map(view, tube, spine), tube) for palette, view in pairs]
+        self.straight = not folded(tube, spine)
+        self.profiles = [profile(view.image, view.camera.project(spine)) for view in scene.views]
         self.seen, self.off = [1.0], [0.0]
         self.seconds = 0.0
         scene.hold_shares(HOLD)  # a bend changes them
@@ -196,30 +201,34 @@ class Follower:
         self._solve(looks, None if alone else start)
         with HOST:
             found = self._doubt(scene.positions(), looks, was_lost)
-            reaches, again = iter(REACHES), AGAIN
+            reaches, again, tried = iter(REACHES), AGAIN, False
             while True:
                 if found[0].startswith("lost"):
                     reach = next(reaches, None)
                     if reach is None:
-                        break
-                    looks, start = self._look_about(looks, start, reach)
+                        anew = None if tried else self._look_everywhere(looks)
+                        if anew is None:
+                            break
+                        (looks, start), tried = anew, True
+                    else:
+                        looks, start = self._look_about(looks, start, reach)
                 elif again and self._strayed(looks):
                     looks, start = self._look_about(looks, scene.positions(), 0.0)
                     again -= 1
                 else:
                     break
-                self._solve(looks, start)
+                self._solve(looks, start, tried)
                 found = self._doubt(scene.positions(), looks, was_lost)
             self._end(*found)
         self.seconds += time.perf_counter() - clock
 
-    def _solve(self, looks: list[Look], start: tuple[np.ndarray, np.ndarray] | None) -> None:
+    def _solve(self, looks: list[Look], start: tuple[np.ndarray, np.ndarray] | None, anew: bool = False) -> None:
         """A frame's moves and iterations from nodes to begin with; None: from where and as fast as they are."""
         scene = self.scene
         self.show(looks)
         with HOST:
             if start is not None:
-                self._begin(looks, start)
+                self._begin(looks, start, anew)
             scene.weights.share = SHARE
             scene.set_potentials([[look.potentials[-1] for look in looks]])
             scene.hold_tangents()
@@ -266,6 +275,15 @@ class Follower:
         note, self.seen[-1], self.off[-1] = self._doubt(state, looks, False)
         self.states[-1], self.notes[-1] = state, note if note == DIVERGED else ""
 
+    def _look_everywhere(self, looks: list[Look]) -> tuple[list[Look], tuple[np.ndarray, np.ndarray]] | None:
+        """Nodes laid along what looks like the object anywhere in the frame, however bent, and what it shows there."""
+        views = [replace(old, image=look.view.image) for old, look in zip(self.scene.views, looks, strict=True)]
+        found = retaken(*self.world(self.states[0]), self.palettes, views, self.profiles)
+        if found is None or any(self.scene.tubes[0].goes_on):
+            return None
+        tube, spine = ((v - self.scene.origin) / float(self.scene.unit) for v in found)
+        return [self.looked(v, view.image, *found) for v, view in enumerate(views)], self._flat(tube, spine)
+
     def _strayed(self, looks: list[Look]) -> bool:
         """Whether the tube is so far from where the frame was looked at that it may have to go on."""
         tube, _ = self.world(self.scene.positions())
@@ -273,14 +291,14 @@ class Follower:
         half_widths = [palette.half_width for palette in self.palettes]
         return any(np.linalg.norm(w, axis=2).mean() > STRAY * h for w, h in zip(ways, half_widths, strict=True))
 
-    def _begin(self, looks: list[Look], start: tuple[np.ndarray, np.ndarray]) -> None:
-        """Moves the tube as a whole."""
+    def _begin(self, looks: list[Look], start: tuple[np.ndarray, np.ndarray], anew: bool) -> None:
+        """Moves the tube as a whole; what was laid `anew` may bend, what was lost may not."""
         sizes, hidden = [look.view.image.shape[:2] for look in looks], [look.hidden for look in looks]
         tube, spine = start
         grid, spine = self.grid(tube).astype(float), spine.astype(float)
         closed = self.scene.tubes[0].material.closed
         if self.tracking.first != "none":
-            degree = 0 if self.tracking.first == "rigid" or self.lost else DEGREE
+            degree = 0 if self.tracking.first == "rigid" or (self.lost and not anew) else DEGREE
             for i, count in enumerate(MOVES):
                 potentials = [look.potentials[i] for look in looks]
                 for _ in range(count + (4 if self.lost and i == 0 else 0)):
@@ -318,20 +336,35 @@ class Follower:
             m = np.einsum("nij,nj->ni", slope, normal)
             m /= np.maximum(np.linalg.norm(m, axis=1, keepdims=True), 1e-12)
             value = look_up(look.potentials[-1], pixels)
-            off.append(float((share**2 * np.abs((value[:, :2] * m).sum(axis=1) + value[:, 2])).sum()) / palette.half_width)
+            way = float((share**2 * np.abs((value[:, :2] * m).sum(axis=1) + value[:, 2])).sum())
+            off.append(way / palette.half_width)
         least, most = min(seen), max(off)
         before, _ = self.world(self.states[-1])
         way = np.linalg.norm(tube.mean(axis=0) - before.mean(axis=0), axis=1).max()
         broad = np.linalg.norm(tube - tube.mean(axis=0), axis=2).max()
         if max(out) > MOST_OUT:
             return "lost: it has left the image", least, most
+        if self.straight and folded(*self.world(state)):
+            return "lost: it has folded", least, most
         if least < (LEAST_BACK if was_lost else LEAST_SEEN):
             return "lost: its colours are not where it must be: hidden, or moved too far", least, most
-        if most > (0.5 if was_lost else 1.0) * MOST_OFF:
+        fine = NEAR / min(palette.half_width for palette in self.palettes)
+        if most > (min(max(0.5 * MOST_OFF, fine), MOST_OFF) if was_lost else MOST_OFF):
             return "lost: no edges where its contour must be", least, most
         if not was_lost and way > REACHES[-1] * broad:
             return "lost: it moved too far between two frames", least, most
         return "", least, most
+
+
+def folded(tube: np.ndarray, spine: np.ndarray) -> bool:
+    """Whether a spine (N_s, 3) turns back within a radius of its tube (N_x, N_s, 3), as nothing so thick can bend."""
+    step = np.linalg.norm(np.diff(spine, axis=0), axis=1)
+    place = np.append(0.0, np.cumsum(step))
+    radius = np.linalg.norm(tube - spine, axis=2).mean(axis=0)
+    tangent = np.diff(spine, axis=0) / np.maximum(step, 1e-30)[:, None]
+    middle, wide = 0.5 * (place[1:] + place[:-1]), np.minimum(radius[1:], radius[:-1])
+    near = np.abs(middle[:, None] - middle) < np.minimum(wide[:, None], wide)
+    return bool((near & (tangent @ tangent.T < 0)).any())
 
 
 def turns(old: np.ndarray, new: np.ndarray) -> np.ndarray:

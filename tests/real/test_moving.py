@@ -1,20 +1,24 @@
-"""Real video, from the folder in SYMSEEK_DATA: a forearm and an index finger before two cameras."""
+"""Real video, from the folder in SYMSEEK_DATA: a forearm and an index finger before two cameras, and a worm in crops."""
 
 from __future__ import annotations
 
 import os
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial import KDTree
 
 import symseek
 from symseek.device import start_quietly
 from symseek.frames import together
+from symseek.sim.foreground import axis_curve
 from symseek.sim.track import track
 
 DATA = Path(os.environ.get("SYMSEEK_DATA", ""))
 HAND = DATA / "hand_stereo_video" / "clip_128_167"
+WORM = DATA / "worm_video" / "datasets" / "sample_data"
 HERE = Path(__file__).parent
 
 TIPS = {
@@ -57,3 +61,29 @@ def test_a_hand_before_two_cameras(record_property):
     # the spine keeps its length: what is seen of both ends moves as one
     length = np.linalg.norm(np.diff(finger.spine, axis=1), axis=2).sum(axis=1)
     assert np.ptp(length) < 0.1 * length.mean()
+
+
+@pytest.mark.skipif(not (os.environ.get("SYMSEEK_DATA") and WORM.is_dir()), reason="SYMSEEK_DATA lacks the worm's video")
+def test_a_worm_in_crops_without_an_origin(record_property):
+    """Its first 210 frames, in which it coils: it may be lost there, not where its centreline was measured."""
+    h5py = pytest.importorskip("h5py")
+    start_quietly()
+    with h5py.File(WORM / "features.h5") as file:
+        true = file["skeletons"][:210]
+    scene = symseek.load(HERE / "worm.toml")
+    frames = islice(together(scene.frames), len(true))
+    o = track(frames, scene.views, scene.tubes, scene.settings, scene.tracking).objects[0]
+    known = ~np.isnan(true[:, 0, 0])
+    assert known.sum() == 53 and not any(o.notes[i] for i in np.flatnonzero(known))
+    off, same_way = [], []
+    for i in np.flatnonzero(known):
+        spine, line = (axis_curve(v) for v in (o.spine[i, :, :2], true[i]))
+        off.append(KDTree(line).query(spine)[0].mean())
+        same_way.append(np.linalg.norm(spine - line, axis=1).mean() < np.linalg.norm(spine - line[::-1], axis=1).mean())
+        # not a part of it alone, though thin tips are cut short
+        assert (
+            np.linalg.norm(np.diff(spine, axis=0), axis=1).sum() > 0.7 * np.linalg.norm(np.diff(line, axis=0), axis=1).sum()
+        )
+    record_property("centreline_px", max(off))
+    assert max(off) < 3 and np.mean(off) < 1
+    assert len(set(same_way)) == 1  # head and tail never change places
