@@ -23,8 +23,9 @@ from .state import Point
 
 SIDE_MOST = 2048
 """Pixels of the longer side of the photograph as it is sent."""
-FINE = (16, 11, 6)
-"""Meridians and rings of a wire frame, and segments from one crossing to the next; less with many models."""
+FINE, COARSE = (12, 8, 5), (8, 5, 2)
+"""Meridians and rings of a wire frame, and segments from one crossing to the next; the latter with many models. They
+take most of a frame where there is no graphics card."""
 MANY = 8
 """Models from which on fewer lines and triangles are drawn."""
 LAYER = 1e-3
@@ -33,6 +34,8 @@ LINES = {"wire": 1.0, "contour": 3.0, "spine": 2.0, "axis": 2.0, "springs": 3.0}
 """What is drawn on it, from below, and how thick [screen px]."""
 BESIDE = (0.25, 0.9)
 """Cosine between two views' lines of sight, from and to, where the one's photograph stands beside the other."""
+LIGHTS, AMBIENT = (("key", (-0.5, -0.8, -1.0), 2.4), ("fill", (1.0, 0.3, -0.3), 0.6)), 0.9
+"""Lights in space: from where, how bright."""
 SPRING, AXIS, SPINE, FIRST = (255, 148, 40), (255, 255, 255), (255, 222, 60), (255, 255, 255)
 
 
@@ -102,9 +105,14 @@ class Drawing:
         self.scene, self.views, self.frames = scene, views, frames
         self._models: dict[int, viser.MeshHandle] = {}
         self._faces: dict[int, tuple] = {}
+        self._sent: dict[tuple[str, str], np.ndarray] = {}
         scene.reset()
         scene.set_up_direction("-y")
-        scene.configure_default_lights(True, cast_shadow=False)
+        scene.configure_default_lights(False)  # dear without a graphics card, as surroundings to be mirrored are
+        scene.configure_environment_map(None)
+        for name, place, intensity in LIGHTS:
+            scene.add_light_directional(f"/lights/{name}", intensity=intensity, position=place)
+        scene.add_light_ambient("/lights/all", intensity=AMBIENT)
         self.pictures, self._middles = [], []
         for v, view in enumerate(views):
             pixels, size = _pixels(view.image)
@@ -155,11 +163,21 @@ class Drawing:
             return
         points = np.zeros((count, 2, 3), np.float32)
         points[..., :2] = np.concatenate([p for p, _ in parts])
-        node.points = points
-        node.colors = np.repeat(np.array([c for _, c in parts], np.uint8), [len(p) for p, _ in parts], axis=0)[
-            :, None
-        ].repeat(2, axis=1)
+        colours = np.array([c for _, c in parts], np.uint8)
+        if (colours == colours[0]).all():
+            colours = colours[0]
+        else:
+            colours = np.repeat(colours, [len(p) for p, _ in parts], axis=0)[:, None].repeat(2, axis=1)
+        self._send(name, "points", points)
+        self._send(name, "colors", colours)
         node.visible = True
+
+    def _send(self, name: str, what: str, value: np.ndarray) -> None:
+        """What has not changed is not sent again."""
+        before = self._sent.get((name, what))
+        if before is None or not np.array_equal(before, value):
+            setattr(self._lines[name], what, value)
+            self._sent[name, what] = value
 
     def models(self, snapshots: Mapping[int, Snapshot], colours: Mapping[int, str], in_space: bool) -> None:
         """Draws models on the photograph, the further ones first, or in space."""
@@ -168,7 +186,7 @@ class Drawing:
         many = len(order) >= MANY
         for uid in order:
             s, colour = snapshots[uid], rgb(colours.get(uid, "#ffffff"))
-            wire, contour = _lines(s, self.view, *((5, 5, 1) if many else FINE))
+            wire, contour = _lines(s, self.view, *(COARSE if many else FINE))
             wires.append((wire, tuple(round(0.55 * c + 0.45 * 255) for c in colour)))
             contours.append((contour, colour))
             spines.append((_along(self.view.camera.project(s.spine), s.cuts), SPINE))

@@ -27,12 +27,9 @@ from symseek.sim.track import Tracking
 
 from .film import Film
 from .inbox import Inbox, answered
-from .part import Part, Snapshot, Wish
+from .pace import FIRST, ROUND, Pace, yields
+from .part import Part, Snapshot, Wish, first_difference, fixed, same_maps
 
-ROUND = 0.02
-"""Seconds between two looks at what the page wants."""
-PUBLISH = 1 / 40
-"""Seconds between two snapshots, at the least."""
 MEASURE = 0.2
 """Seconds between two measurements of the contour's error."""
 
@@ -46,6 +43,7 @@ class Engine:
         watched: the object whose contour is measured on the way.
         failed: what went wrong in the thread, for the page to say.
         film: the frames of a moving scene, and the tubes on their way through them.
+        fresh: set when there are new snapshots.
     """
 
     def __init__(self, device: str = "cpu"):
@@ -54,12 +52,13 @@ class Engine:
         self.failed = ""
         self.watched: int | None = None
         self.film: Film | None = None
+        self.fresh = threading.Event()
         self._parts: dict[int, Part] = {}
         self._views: list[View] = []
         self._settings = Settings()
         self._go: dict[int, bool] = {}
         self._inbox = Inbox()
-        self._published, self._measured = 0.0, 0.0
+        self._pace, self._measured = Pace(), 0.0
         self._look: Look | None = None
         self._looked = 0.0
         self._maps: dict[int, list[Foreground]] = {}
@@ -174,7 +173,7 @@ class Engine:
             wp.load_module(module, device=self.device)
         with (
             ThreadPoolExecutor(os.cpu_count()) as self._ahead,
-            ThreadPoolExecutor(self._workers) as self._pool,
+            ThreadPoolExecutor(self._workers, initializer=yields) as self._pool,
             DepthPasses() as self._depth,
         ):
             before = time.perf_counter()
@@ -187,7 +186,7 @@ class Engine:
                 answered(calls, lambda: self._publish(True))
                 now = time.perf_counter()
                 try:
-                    self._round(now - before)
+                    self._round(now - before, FIRST if idle else ROUND)
                 except Exception as problem:  # a fault of ours must not end the studio
                     self.failed = f"{type(problem).__name__}: {problem}"
                     self._set_going(False)
@@ -200,21 +199,21 @@ class Engine:
     def _active(self) -> list[Part]:
         return [part for part in self._parts.values() if part.active]
 
-    def _round(self, passed: float) -> None:
-        """Takes all active runs on for about `ROUND`, no faster than `speed`."""
-        begun, left = time.perf_counter(), max(1, round(self.speed * min(passed, 4 * ROUND)))
+    def _round(self, passed: float, most: float) -> None:
+        """Takes all active runs on for about `most` seconds, no faster than `speed`."""
+        begun, left = time.perf_counter(), max(1, round(self.speed * min(max(passed, most), 4 * ROUND)))
         if self.film is not None and self.film.going and not self._active():
             self._go_on(self.film, left, begun)
             return
-        while left > 0 and self._active() and time.perf_counter() - begun < ROUND:
-            left -= self._advance(left)
+        while left > 0 and self._active() and (spare := begun + most - time.perf_counter()) > 0:
+            left -= self._advance(min(left, self._pace.iterations(spare)))
             if self._look is not None and self._looked > ROUND:  # it must not take all the time; `settle` makes up for it
-                self._look.last += REFRESH * int(self._looked / ROUND)
-        self._rest(begun)
+                self._look.last += self._look.every * int(self._looked / ROUND)
+        self._rest(begun, most)
 
-    def _rest(self, begun: float) -> None:
+    def _rest(self, begun: float, most: float = ROUND) -> None:
         """To the end of a round that began then, unless somebody wants something."""
-        spare = begun + ROUND - time.perf_counter()
+        spare = begun + most - time.perf_counter()
         if self.going() and spare > 0:
             self._inbox.pause(spare)
 
@@ -232,31 +231,40 @@ class Engine:
         """Takes all active runs on together, to the next look at what hides them; by how many iterations."""
         parts, active = [part.run for part in self._parts.values()], self._active()
         if self.film is not None:  # tubes do not hide each other there
-            list(self._pool.map(lambda part: part.run.advance(most), active))
+            self._take_on(active, most)
             return most
         if self._look is None:
             self._look = Look(parts, self._settings, self._depth)
             self._look.again(max(run.iteration for run in parts))
-        count = min(most, max(1, REFRESH - (max(run.iteration for run in parts) - self._look.last)))
-        list(self._pool.map(lambda part: part.run.advance(count), active))
+        count = min(most, max(1, self._look.every - (max(run.iteration for run in parts) - self._look.last)))
+        self._take_on(active, count)
         begun = time.perf_counter()
         self._look.again(max(run.iteration for run in parts))
         self._looked = time.perf_counter() - begun
         return count
 
+    def _take_on(self, active: Sequence[Part], count: int) -> None:
+        """All of them by some iterations."""
+        begun = time.perf_counter()
+        list(self._pool.map(lambda part: part.run.advance(count), active))
+        self._pace.took(time.perf_counter() - begun, count)
+
     def _publish(self, at_once: bool) -> None:
-        now = time.perf_counter()
-        if not at_once and self.going() and now - self._published < PUBLISH:
+        if not at_once and self.going() and self._pace.early():
             return
+        begun = time.perf_counter()
+        self.snapshots = self._seen(begun)
+        self._pace.published(begun)
+        self.fresh.set()
+
+    def _seen(self, now: float) -> dict[int, Snapshot]:
         if self.film is not None and (self.film.frame > 0 or self.film.begun):
-            self.snapshots, self._published = self.film.snapshots(), now
-            return
+            return self.film.snapshots()
         watched = self._parts.get(self.watched or -1)
         if watched is not None and (now - self._measured > MEASURE or not self._active()):
             watched.measure()
             self._measured = now
-        self.snapshots = {uid: part.snapshot() for uid, part in self._parts.items()}
-        self._published = now
+        return {uid: part.snapshot() for uid, part in self._parts.items()}
 
     # in the thread
 
@@ -287,8 +295,8 @@ class Engine:
     def _in_film(self, film: Film, wishes: dict[int, Wish]) -> dict[int, Wish]:
         """Takes in what is wished of frames after the first; what changes the first one takes the tubes back to it."""
         first, springs = film.first_frame(wishes)
-        before = {uid: _fixed(part.wish) for uid, part in self._parts.items()}
-        if {uid: _fixed(wish) for uid, wish in first.items()} != before:
+        before = {uid: fixed(part.wish) for uid, part in self._parts.items()}
+        if {uid: fixed(wish) for uid, wish in first.items()} != before:
             self._back()
             film.frame = 0
         film.change(springs)
@@ -306,11 +314,11 @@ class Engine:
             self._depths = {uid: tube.depth for uid, tube in zip(wishes, tubes, strict=True)}
         for uid, wish in wishes.items():
             part = self._parts.get(uid)
-            if part is None or part.wish.structure != wish.structure or not _same(part.map, self._maps[uid]):
+            if part is None or part.wish.structure != wish.structure or not same_maps(part.map, self._maps[uid]):
                 self._begin(uid, wish)
                 continue
             if wish.tube.springs != part.wish.tube.springs:
-                self._play(uid, wish, _first_difference(wish.tube.springs, part.wish.tube.springs))
+                self._play(uid, wish, first_difference(wish.tube.springs, part.wish.tube.springs))
                 continue
             part.change(wish)
         self._parts = {uid: self._parts[uid] for uid in wishes}
@@ -381,19 +389,3 @@ class Engine:
         for uid, part in list(self._parts.items()):
             if not part.path:
                 self._play(uid, part.wish, part.run.iteration)
-
-
-def _fixed(wish: Wish) -> tuple:
-    """What makes another first frame of a moving scene if it changes."""
-    return wish.structure, wish.tube.springs, wish.tube.material
-
-
-def _same(a: Sequence[Foreground], b: Sequence[Foreground]) -> bool:
-    """Whether an object's maps, one for each view, are the same."""
-    return all(m is n or (m.origin == n.origin and np.array_equal(m.inside, n.inside)) for m, n in zip(a, b, strict=True))
-
-
-def _first_difference(new: Sequence[Spring], old: Sequence[Spring]) -> int:
-    """Iteration up to which two runs with these springs are the same."""
-    differ = [s.start for s in {*new} ^ {*old}]
-    return min(differ, default=0)

@@ -26,7 +26,7 @@ from .session import Session
 from .state import Item
 
 RATE = 30
-"""Most updates of the page a second."""
+"""Most updates of the page a second; and at most half of the time goes into making them."""
 FOV = 0.4
 """Of the viewer's eye through the scene's camera [rad]."""
 MARGIN = 1.06
@@ -311,7 +311,11 @@ class Page:
 
     def _keep_drawing(self) -> None:
         before: Any = None
-        while not self._closed.wait(1 / RATE):
+        spent = 0.0
+        while not self._closed.wait(max(1 / RATE - spent, spent)):
+            self.engine.fresh.wait(1 / RATE)
+            self.engine.fresh.clear()
+            begun, spent = time.monotonic(), 0.0
             snapshots = self.engine.snapshots
             if self.engine.failed:
                 self.tell("A fault of the studio", self.engine.failed, "red")
@@ -320,6 +324,7 @@ class Page:
                 continue
             before, self._changed = snapshots, False
             self.attempt(lambda snapshots=snapshots: self._draw(snapshots))
+            spent = time.monotonic() - begun
 
     def _draw(self, snapshots: dict[int, Snapshot]) -> None:
         with self._painting:
@@ -335,6 +340,7 @@ class Page:
         with self.server.atomic():
             drawing.models(snapshots, colours, self.in_space)
             drawing.axes([self._axis(item) for item in session.state.items if item.is_tube])
+        self.server.flush()
         self.mouse.listen_to_models(drawing)
         self.engine.watched = self.chosen
         s = snapshots.get(self.chosen) if self.chosen is not None else None

@@ -208,3 +208,19 @@ class Part:
             tube, spine, list(run.scene.weights.cuts[0]), run.iteration, run.stage, run.stages, run.sigma, run.residual,
             run.done, run.converged, run.diverged, pulls, self.measured,
         )  # fmt: skip
+
+
+def fixed(wish: Wish) -> tuple:
+    """What makes another first frame of a moving scene if it changes."""
+    return wish.structure, wish.tube.springs, wish.tube.material
+
+
+def same_maps(a: Sequence[Foreground], b: Sequence[Foreground]) -> bool:
+    """Whether an object's maps, one for each view, are the same."""
+    return all(m is n or (m.origin == n.origin and np.array_equal(m.inside, n.inside)) for m, n in zip(a, b, strict=True))
+
+
+def first_difference(new: Sequence[Spring], old: Sequence[Spring]) -> int:
+    """Iteration up to which two runs with these springs are the same."""
+    differ = [s.start for s in {*new} ^ {*old}]
+    return min(differ, default=0)

@@ -9,7 +9,7 @@ from symseek.sim.camera import Camera
 from symseek.sim.curve import evenly
 from symseek.sim.problem import View
 from symseek.sim.surface import occluding_contour
-from symseek.studio.drawing import FINE, Drawing, Frame, _lines, away_from, material_point
+from symseek.studio.drawing import COARSE, FINE, Drawing, Frame, _lines, away_from, material_point
 from symseek.studio.part import Snapshot
 
 T = np.linspace(0, 1, 25)
@@ -36,7 +36,7 @@ def snapshot(cuts=()) -> Snapshot:
 def test_the_contour_that_is_drawn_is_the_occluding_one(name, many):
     """Against the measured contour of the smooth surface; through 25 nodes less closely, at blunt ends least."""
     view = View(np.zeros((90, 120)), CAMERAS[name])
-    wire, contour = _lines(snapshot(), view, *((5, 5, 1) if many else FINE))
+    wire, contour = _lines(snapshot(), view, *(COARSE if many else FINE))
     truth = np.concatenate([evenly(p, 200, False) for p, _ in occluding_contour(TUBE, view.camera)])
     drawn = np.concatenate([(1 - t) * contour[:, 0] + t * contour[:, 1] for t in np.linspace(0, 1, 5)])
     radius = 12 * max(np.linalg.norm(view.camera.matrix[0, :3]), 1.0) if view.camera.affine else 12
