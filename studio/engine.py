@@ -22,7 +22,6 @@ from symseek.sim.foreground import Foreground
 from symseek.sim.order import in_order
 from symseek.sim.problem import Settings, View
 from symseek.sim.reconstruct import REFRESH, Look
-from symseek.sim.spring import Spring
 from symseek.sim.track import Tracking
 
 from .film import Film
