@@ -9,8 +9,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from symseek.checks import SceneError
-from symseek.scene import Scene, find, load, read
+from symseek.cameras import read_cameras
+from symseek.checks import SceneError, Table
+from symseek.scene import TOP_KEYS, Scene, find, load, read
 
 from .session import Session
 from .state import PALETTE, Item, State
@@ -75,7 +76,7 @@ class Folder:
             return session, False
         try:
             before = State.of(kept.read_text(encoding="utf-8"))
-            if before.top["view"] != state.top["view"] or before == state:
+            if before.pictures != state.pictures or before == state:
                 return session, False
             restored = Session(before, base, Path(path).name, scene)
         except (KeyError, ValueError):  # from another version, or the scene is another by now
@@ -112,22 +113,27 @@ class Folder:
         if full.is_file() and full.stat().st_size > SCENE_MOST:
             raise SceneError(full.name, "", f"has {full.stat().st_size / 1e6:.0f} MB", "a scene file is a few kB of text")
         text = read(full)
-        views = text.get("view", [])
-        bent = isinstance(views, list) and any(isinstance(view, Mapping) and "distortion" in view for view in views)
-        if "cameras" in text or bent:
-            key, what = ("cameras", "stand in a file") if "cameras" in text else ("view.distortion", "bends the image")
-            raise SceneError(full.name, key, what, "the studio shows images as they are: use symseek run")
-        for view in views if isinstance(views, list) else []:
-            for key in ("image", "ignore", "frames"):
-                value = view.get(key, "") if isinstance(view, Mapping) else ""
-                for name in value if isinstance(value, list) else [value]:
-                    if isinstance(name, str) and not name.startswith("skimage:"):
-                        self.inside(full.parent / os.path.expandvars(os.path.expanduser(name)))
+        self._all_inside(text, full)
         scene = load(full)
-        top = {"name": scene.name, **{k: v for k, v in scene.text.items() if k != "object"}}
+        listed = {"object"} if "view" in text else {"object", "view"}  # a cameras' file lists views by its own paths
+        top = {"name": scene.name, **{k: v for k, v in scene.text.items() if k not in listed}}
         tables = [{"name": scene.name, **table} for table in scene.text["object"]]
         items = [Item(k + 1, table, PALETTE[k % len(PALETTE)]) for k, table in enumerate(tables)]
         return State.of(State(top, tuple(items)).text()), scene
+
+    def _all_inside(self, text: Mapping[str, Any], full: Path) -> None:
+        """Refuses a scene that reads anything outside."""
+        views, paths = text.get("view", []), [text.get("cameras"), text.get("images")]
+        for view in views if isinstance(views, list) else []:
+            for key in ("image", "ignore", "frames"):
+                value = view.get(key, "") if isinstance(view, Mapping) else ""
+                paths += value if isinstance(value, list) else [value]
+        for name in paths:
+            if isinstance(name, str) and not name.startswith("skimage:"):
+                self.inside(full.parent / os.path.expandvars(os.path.expanduser(name)))
+        if "cameras" in text:
+            for shot in read_cameras(Table(text, str(full), "", TOP_KEYS), full.parent).values():
+                self.inside(shot.path)
 
     def autosave(self, path: str, session: Session) -> None:
         """Keeps the state of what was opened as `path`."""

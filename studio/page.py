@@ -371,7 +371,7 @@ class Page:
         if self.engine.frame > 0:
             return np.zeros((0, 2)), item.colour, False
         chosen = item.uid == self.chosen and self.tool == "Draw"
-        points = np.array(item.axes(session.view.name).get(view.name) or np.zeros((0, 2)), float)
+        points = np.array(([] if item.in_world else session.axis(item.uid, self.eye)) or np.zeros((0, 2)), float)
         tube = None if len(points) else session.tube(item)
         if tube is None:
             return points, item.colour, chosen

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from symseek.checks import SceneError
 from symseek.scene import Scene, build
 from symseek.sim.problem import Tube, View
 
-from .state import Item
+from .state import Item, Point
 
 KNOWN = 200
 """Objects that are remembered as built."""
@@ -38,9 +40,7 @@ class Scenery:
         self.views: list[View] = scene.views
         self.frames, self.tracking = scene.frames, scene.tracking
         self.scale, self.name, self.settings = scene.scale, scene.name, scene.settings
-        masks = [{} if v.ignore is None else {"ignore": v.ignore.astype(float)} for v in scene.views]
-        images = [{"frames": [v.image]} if scene.frames else {"image": v.image} for v in scene.views]
-        self._read = [{**image, **mask} for image, mask in zip(images, masks, strict=True)]
+        self._scene = scene
         self._tubes: dict[str, Tube | None] = {}
 
     def build(self, data: Mapping[str, Any], views: slice = slice(None)) -> Scene:
@@ -49,8 +49,18 @@ class Scenery:
         Raises:
             SceneError: it is at fault.
         """
-        tables = [{**table, **read} for table, read in zip(data["view"], self._read, strict=True)]
-        return build({**data, "view": tables[views]}, self.base, self.source)
+        known = replace(self._scene, views=self.views[views], frames=self.frames[views])
+        return build(data, self.base, self.source, known=known)
+
+    def given(self, v: int, point: Point) -> list[float]:
+        """An image point of view v as the scene's file has it, which counts in the image as the lens bent it."""
+        lens = self.views[v].lens
+        return [float(x) for x in (point if lens is None else lens.bent(np.array([point], float))[0])]
+
+    def seen(self, v: int, points: Sequence[Sequence[float]]) -> list[list[float]]:
+        """Image points of a file as view v shows them."""
+        lens = self.views[v].lens
+        return [list(p) for p in points] if lens is None or not points else lens.straight(np.array(points)).tolist()
 
     def tube(self, item: Item, top: Mapping[str, Any]) -> Tube | None:
         """An object as the solver takes it; None while its axis is still being drawn, and for snakes and sheets."""

@@ -254,28 +254,31 @@ class Session:
 
     def add_point(self, uid: int, point: Point, at: int | None = None, view: int = 0) -> None:
         """One more point (column, row) of the rough axis in a view, the last or before point `at`."""
-        points = self.axis(uid, view)
-        points.insert(len(points) if at is None else at, rounded(point))
+        points = self._given(uid, view)
+        points.insert(len(points) if at is None else at, rounded(self.scenery.given(view, point)))
         self._redraw(uid, view, points, "a point")
 
     def move_point(self, uid: int, at: int, point: Point, view: int = 0) -> None:
         """Moves point `at`; one drag is one step, see `end_of_drag`."""
-        points = self.axis(uid, view)
-        points[within(at, points, self.source)] = rounded(point)
+        points = self._given(uid, view)
+        points[within(at, points, self.source)] = rounded(self.scenery.given(view, point))
         self._redraw(uid, view, points, "moving a point", ("point", uid, at, view))
 
     def remove_point(self, uid: int, at: int, view: int = 0) -> None:
         """Deletes point `at`."""
-        points = self.axis(uid, view)
+        points = self._given(uid, view)
         del points[within(at, points, self.source)]
         self._redraw(uid, view, points, "deleting a point")
 
     def axis(self, uid: int, view: int = 0) -> list[list[float]]:
-        """Points of the rough axis in a view.
+        """Points of the rough axis in a view, as it is shown.
 
         Raises:
             SceneError: it is given in the world.
         """
+        return self.scenery.seen(view, self._given(uid, view))
+
+    def _given(self, uid: int, view: int) -> list[list[float]]:
         item = self.item(uid)
         if item.in_world:
             raise SceneError(self.source, "spine", "is given in the world", "edit it in the scene file")
@@ -305,14 +308,14 @@ class Session:
         self._change(uid, "a crease" if order == "tangent" else "a gap", {"break": breaks})
 
     def _in_first(self, uid: int, place: Point, view: int) -> Point:
-        """An image point of any view as one of the first, by the place of the rough axis next to it."""
+        """An image point of any view as the file has one of the first, by the place of the rough axis next to it."""
         tube = self.tube(self.item(uid)) if view else None
         if tube is None:
-            return place
+            return self.scenery.given(0, place)
         spine = np.asarray(tube.spine, float)
         axis = axis_curve(spine if spine.shape[1] == 3 else lift(spine, self.view.camera, tube.depth))
         gap = np.linalg.norm(self.views[view].camera.project(axis) - np.asarray(place), axis=1)
-        return self.view.camera.project(axis[gap.argmin()])
+        return self.scenery.given(0, self.view.camera.project(axis[gap.argmin()]))
 
     def paint(self, uid: int, nodes: Sequence[tuple[int, int]]) -> None:
         """Takes the rigidity away at nodes (around, along): there the surface may have an edge; one stroke is one step."""
@@ -332,7 +335,8 @@ class Session:
         """Marks an image point that the object does not cover."""
         if view:
             raise SceneError(self.source, "not_here", "marks are of the first view", f"look through {self.view.name!r}")
-        self._change(uid, "a mark", {"not_here": [*self.item(uid).table.get("not_here", []), rounded(place)]})
+        marks = [*self.item(uid).table.get("not_here", []), rounded(self.scenery.given(0, place))]
+        self._change(uid, "a mark", {"not_here": marks})
 
     def clear(self, uid: int) -> None:
         """Takes away creases, gaps, marks and springs."""
@@ -342,7 +346,8 @@ class Session:
         """Springs as tables [[object.spring]]."""
         tables = []
         for s in springs:
-            table = {"anchor": list(s.anchor), "stiffness": s.stiffness, "start": s.start}
+            anchor = self.scenery.given(s.view, s.anchor) if len(s.anchor) == 2 else list(s.anchor)
+            table = {"anchor": anchor, "stiffness": s.stiffness, "start": s.start}
             table |= {"view": self.views[s.view].name} if s.view and len(s.anchor) == 2 else {}
             table |= {"frame": s.frame} if s.frame else {}
             table |= {"point": list(s.point)} if s.point is not None else {"reach": s.reach}
@@ -370,5 +375,5 @@ class Session:
 
     def start_over(self, state: State) -> None:
         """Goes to another state of the same image, as one step."""
-        if state.top["view"] == self.state.top["view"]:
+        if state.pictures == self.state.pictures:
             self._do("starting over", state.items, top=state.top)

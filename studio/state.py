@@ -93,6 +93,11 @@ class State:
     """tables of the scene but its objects."""
     items: tuple[Item, ...] = ()
 
+    @property
+    def pictures(self) -> tuple:
+        """What says which images and cameras there are."""
+        return tuple(self.top.get(key) for key in ("view", "cameras", "images"))
+
     def text(self) -> str:
         """As JSON."""
         items = [{"uid": i.uid, "table": i.table, "colour": i.colour} for i in self.items]

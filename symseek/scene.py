@@ -160,7 +160,7 @@ def read(path: Path, overrides: Iterable[str] = ()) -> dict[str, Any]:
     return data
 
 
-def build(data: Mapping[str, Any], base: Path, source: str, name: str = "object") -> Scene:
+def build(data: Mapping[str, Any], base: Path, source: str, name: str = "object", known: Scene | None = None) -> Scene:
     """Check the tables of a scene; images, Material and Settings may be objects already.
 
     Args:
@@ -168,29 +168,17 @@ def build(data: Mapping[str, Any], base: Path, source: str, name: str = "object"
         base: folder that image paths are relative to.
         source: what messages call the scene.
         name: of the scene where it has none.
+        known: a scene with these views, which are not read again.
 
     Raises:
         SceneError: as `load`.
     """
     top = Table(data, source, "", TOP_KEYS)
-    units = top.text("units", "px", choices=METRES)
-    shots: dict[str, Shot] = {}
-    if "cameras" in top:
-        shots = read_cameras(top, base)
-        data = {"view": listed_views(shots), **data}
+    if known is None:
+        data, units, scale, views, frames = _views(top, base)
         top = Table(data, source, "", TOP_KEYS)
-    elif "images" in top:
-        top.fail("images", "stands without cameras", "give the cameras' file, or remove it")
-    tables = top.tables("view", VIEW_KEYS, 'add a [[view]] with image = "photo.jpg"')
-    scale = _scale(top, units, tables)
-    read = [_view(table, base, scale, "front" if i == 0 else f"view{i + 1}", shots) for i, table in enumerate(tables)]
-    views = [view for view, _ in read]
-    for table in tables:
-        if ("frames" in table) != ("frames" in tables[0]):
-            table.fail("frames", "stands in some views and not in others", "give all views frames, or an image")
-    for i, table in enumerate(tables):
-        if views[i].name in [view.name for view in views[:i]]:
-            table.fail("name", f"{views[i].name!r} stands twice", "give every view a name of its own")
+    else:
+        units, scale, views, frames = known.units, known.scale, known.views, known.frames
     scene_name = top.name("name", name)
     objects = top.tables(
         "object",
@@ -216,7 +204,6 @@ def build(data: Mapping[str, Any], base: Path, source: str, name: str = "object"
     if settings.sigmas and any(fine >= coarse for coarse, fine in pairwise(settings.sigmas)):
         top.fail("solver.sigmas", f"{list(settings.sigmas)} does not fall", "write them from coarse to fine")
     output = top.fields("output", Output(), {"video_fps": (1, 120)})
-    frames = [view for _, view in read if view is not None]
     tracking = top.fields("track", Tracking(), TRACK_BOUNDS)
     for table, o in zip(objects, built, strict=True):
         if not (frames and isinstance(o, Tube)) and any(spring.frame for spring in o.springs):
@@ -228,6 +215,28 @@ def build(data: Mapping[str, Any], base: Path, source: str, name: str = "object"
     if tracking.fps is None and frames and frames[0].fps:
         tracking = replace(tracking, fps=frames[0].fps)
     return Scene(scene_name, views, tubes, settings, lines, units, scale, output, source, frames, tracking, dict(data))
+
+
+def _views(top: Table, base: Path) -> tuple[Mapping[str, Any], str, float, list[View], list[Frames]]:
+    """The tables, with the views that cameras' files list; units, scale, views and, if the scene moves, their frames."""
+    data, units = top.data, top.text("units", "px", choices=METRES)
+    shots: dict[str, Shot] = {}
+    if "cameras" in top:
+        shots = read_cameras(top, base)
+        data = {"view": listed_views(shots), **data}
+    elif "images" in top:
+        top.fail("images", "stands without cameras", "give the cameras' file, or remove it")
+    tables = Table(data, top.source, "", TOP_KEYS).tables("view", VIEW_KEYS, 'add a [[view]] with image = "photo.jpg"')
+    scale = _scale(top, units, tables)
+    read = [_view(table, base, scale, "front" if i == 0 else f"view{i + 1}", shots) for i, table in enumerate(tables)]
+    views = [view for view, _ in read]
+    for table in tables:
+        if ("frames" in table) != ("frames" in tables[0]):
+            table.fail("frames", "stands in some views and not in others", "give all views frames, or an image")
+    for i, table in enumerate(tables):
+        if views[i].name in [view.name for view in views[:i]]:
+            table.fail("name", f"{views[i].name!r} stands twice", "give every view a name of its own")
+    return data, units, scale, views, [frames for _, frames in read if frames is not None]
 
 
 def _projection(view: Table, in_file: bool) -> str:

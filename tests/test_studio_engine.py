@@ -129,6 +129,28 @@ def test_a_pull_in_another_view_is_played_again(engine):
     assert np.array_equal(rest(engine)[1], again(session))
 
 
+def test_a_lens_that_bends(engine, tmp_path):
+    """The model grows onto the straight image, is pulled there, and the saved scene, in the bent one, gives the same."""
+    shutil.copy(SQUASH.parent / "squash.jpg", tmp_path)
+    points = symseek.load(SQUASH).tubes[0].spine.tolist()
+    (tmp_path / "bent.toml").write_text(
+        '[[view]]\nimage = "squash.jpg"\nprojection = "perspective"\nK = [[1000, 0, 320], [0, 1000, 240], [0, 0, 1]]\n'
+        "R = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]\nt = [0, 0, 0]\ndistortion = [-0.1, 0, 0, 0]\n"
+        f"[[object]]\nspine = {points}\ndepth = 1000\n"
+    )
+    session = Folder(tmp_path).open("bent.toml")[0]
+    show(engine, session, fresh=True)
+    engine.run().result(60)
+    first, camera = rest(engine)[1], session.view.camera
+    edge = camera.project(first[6, 12])
+    engine.grab(1, (0.24, 0.5), edge)
+    for k in range(5):
+        engine.drag(1, edge + k * np.array([1.5, -3.0])).result(60)
+    record(session, engine.let_go(1).result(60))
+    show(engine, session)
+    assert np.array_equal(rest(engine)[1], again(session)) and engine.snapshots[1].converged
+
+
 def test_a_grip_that_never_pulled_leaves_nothing(engine, session):
     """Taken hold of and let go between two iterations."""
     show(engine, session, fresh=True)

@@ -12,9 +12,11 @@ from PIL import Image
 
 import symseek
 from symseek import cli
+from symseek.sim.spring import Spring
 from symseek.studio.keep import ALPHA, AUTOSAVE, Folder, toml
 from symseek.studio.session import Session
 from symseek.studio.state import PALETTE, Item, State
+from tests import test_cameras
 
 RNG = np.random.default_rng(5)
 PIXELS = RNG.uniform(0.2, 0.8, (48, 64))
@@ -201,14 +203,44 @@ def test_after_the_last_spring_there_is_time_to_rest(folder):
     assert session.settings().iterations == 4000 and "solver" not in session.tables()
 
 
-@pytest.mark.parametrize("line", ['cameras = "."', "[[view]]\ndistortion = [0.1, 0, 0, 0]"])
-def test_scenes_whose_images_are_made_straight_are_refused(line, folder):
-    (folder.root / "bent.toml").write_text(line)
-    with pytest.raises(symseek.SceneError, match="use symseek run"):
-        folder.open("bent.toml")
+def test_a_scene_whose_cameras_stand_in_a_file(tmp_path):
+    """Views that bend, listed by the file: what is drawn in them made straight is saved as the bent images have it."""
+    (tmp_path / "images" / "left").mkdir(parents=True)
+    for name in test_cameras.NAMES:
+        Image.fromarray(RNG.integers(0, 255, (480, 640), np.uint8)).save(tmp_path / "images" / name)
+    test_cameras.colmap_text(tmp_path, test_cameras.BEND)
+    (tmp_path / "ring.toml").write_text(f'cameras = "."\n[[object]]\nspine = {test_cameras.POINTS[:2].tolist()}\n')
+    folder = Folder(tmp_path)
+    session, _ = folder.open("ring.toml")
+    session.remove(1)
+    uid, lens = session.add(), session.views[0].lens
+    points = [test_cameras.seen(k, test_cameras.BEND)[:2] - 0.5 for k in (1, 0)]
+    for v in (0, 1):
+        for point in session.views[v].camera.project(test_cameras.POINTS[:2]):
+            session.add_point(uid, point, view=v)
+    assert lens is not None
+    for v, name in enumerate(("b", "left_a")):
+        np.testing.assert_allclose(session.item(uid).table["spines"][name], points[v], atol=0.01)
+        np.testing.assert_allclose(session.axis(uid, v), session.views[v].camera.project(test_cameras.POINTS[:2]), atol=0.02)
+    assert np.abs(points[0] - session.axis(uid, 0)).max() > 1, "it does bend"
+    session.mark(uid, (100, 50))
+    session.record(uid, session.written([Spring((200.0, 100.0), (0.25, 0.5), view=1, start=3, stop=9)]))
+    tube, saved = session.tube(session.item(uid)), symseek.load(folder.save(session, "made"))
+    assert tube is not None and "view" not in tomllib.loads((tmp_path / "made.toml").read_text())
+    assert np.array_equal(tube.spine, saved.tubes[0].spine) and tube.springs == saved.tubes[0].springs
+    np.testing.assert_allclose(tube.springs[0].anchor, (200, 100), atol=1e-6)
+    np.testing.assert_allclose(tube.not_here, [[100, 50]], atol=0.02)
+    for name in ("../x", "/etc"):
+        (tmp_path / "evil.toml").write_text(
+            f'cameras = "."\nimages = "{name}"\n[[object]]\nspine = [[0, 0, 0], [1, 0, 0]]\n'
+        )
+        with pytest.raises(symseek.SceneError, match="lies outside"):
+            folder.open("evil.toml")
+    (tmp_path / "images.txt").write_text((tmp_path / "images.txt").read_text().replace(" b.png", " ../../b.png"))
+    with pytest.raises(symseek.SceneError, match="lies outside"):
+        folder.open("ring.toml")
 
 
-@pytest.mark.parametrize("name", sorted(cli.demos()))
 def test_a_scene_file_is_kept_as_it_is(name):
     """Opened and saved without a change, it means the same."""
     scene = cli.demos()[name]
