@@ -163,11 +163,8 @@ class Drawing:
             return
         points = np.zeros((count, 2, 3), np.float32)
         points[..., :2] = np.concatenate([p for p, _ in parts])
-        colours = np.array([c for _, c in parts], np.uint8)
-        if (colours == colours[0]).all():
-            colours = colours[0]
-        else:
-            colours = np.repeat(colours, [len(p) for p, _ in parts], axis=0)[:, None].repeat(2, axis=1)
+        colours = np.repeat(np.array([c for _, c in parts], np.uint8), [len(p) for p, _ in parts], axis=0)
+        colours = colours[:, None].repeat(2, axis=1)  # one for all, where there were more before, comes out black
         self._send(name, "points", points)
         self._send(name, "colors", colours)
         node.visible = True
