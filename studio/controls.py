@@ -243,10 +243,9 @@ class Controls:
             return
         more = SEVERAL if page.tool == "Draw" and len(session.views) > 1 else ""
         self.hint.content = f"**{page.tool}**: {TOOLS[page.tool]}{more}"
-        film = page.engine.film
         self.frames.visible = session.moving
-        if film is not None and session.moving:
-            self.frame.max = max(1, film.length - 1)
+        if session.moving:
+            self.frame.max = max(1, min(map(len, session.frames)) - 1)
         names = [view.name for view in session.views]
         self.eye.visible = len(names) > 1
         if tuple(names) != self.eye.options:

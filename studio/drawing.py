@@ -34,7 +34,7 @@ LINES = {"wire": 1.0, "contour": 3.0, "spine": 2.0, "axis": 2.0, "springs": 3.0}
 """What is drawn on it, from below, and how thick [screen px]."""
 BESIDE = (0.25, 0.9)
 """Cosine between two views' lines of sight, from and to, where the one's photograph stands beside the other."""
-LIGHTS, AMBIENT = (("key", (-0.5, -0.8, -1.0), 2.4), ("fill", (1.0, 0.3, -0.3), 0.6)), 0.9
+LIGHTS, AMBIENT = (("key", (-0.6, -1.0, -0.7), 2.6), ("fill", (1.0, 0.3, -0.4), 0.5)), 0.6
 """Lights in space: from where, how bright."""
 SPRING, AXIS, SPINE, FIRST = (255, 148, 40), (255, 255, 255), (255, 222, 60), (255, 255, 255)
 
@@ -163,11 +163,8 @@ class Drawing:
             return
         points = np.zeros((count, 2, 3), np.float32)
         points[..., :2] = np.concatenate([p for p, _ in parts])
-        colours = np.array([c for _, c in parts], np.uint8)
-        if (colours == colours[0]).all():
-            colours = colours[0]
-        else:
-            colours = np.repeat(colours, [len(p) for p, _ in parts], axis=0)[:, None].repeat(2, axis=1)
+        colours = np.repeat(np.array([c for _, c in parts], np.uint8), [len(p) for p, _ in parts], axis=0)
+        colours = colours[:, None].repeat(2, axis=1)  # one for all, where there were more before, comes out black
         self._send(name, "points", points)
         self._send(name, "colors", colours)
         node.visible = True

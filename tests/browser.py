@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -11,9 +12,13 @@ from typing import Any
 
 import numpy as np
 
+from symseek.sim.curve import evenly
+from symseek.sim.surface import occluding_contour
 from symseek.studio.serve import Studio
 
 FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
+PICTURES = os.environ.get("SYMSEEK_PICTURES")
+"""A folder for screenshots of each step of the tests."""
 WINDOW = {"width": 1000, "height": 640}
 
 
@@ -98,6 +103,20 @@ class Hand:
                 raise TimeoutError(f"after {seconds} s: {self.studio.page.told}")
             self.page.wait_for_timeout(30)
 
+    def shot(self, name: str) -> None:
+        """A picture of the page, where somebody wants to look at them."""
+        if PICTURES:
+            self.page.wait_for_timeout(500)
+            self.page.screenshot(path=Path(PICTURES, f"{name}.png"))
+
+    def choose(self, label: str, option: str) -> None:
+        """Takes an option of a dropdown."""
+        self.page.get_by_label(label, exact=True).or_(self.page.get_by_role("textbox", name=label)).first.click()
+        chosen = self.page.get_by_role("option", name=option, exact=True)
+        chosen.click()
+        chosen.wait_for(state="hidden")
+        self.steady()
+
     def at_rest(self) -> None:
         """Waits until all models have been told to run and nothing moves."""
         engine = self.studio.engine
@@ -135,3 +154,16 @@ def opened(paths: Sequence[str], root: Path, script: str = "", **window: Any) ->
             browser.close()
     finally:
         studio.close()
+
+
+def contour(hand: Hand, fine: int = 6000, v: int = 0) -> np.ndarray:
+    """Points of the model's contour in view v, close together."""
+    session = hand.studio.page.session
+    assert session is not None
+    (s,) = hand.studio.engine.snapshots.values()
+    return np.concatenate([evenly(p, fine, False) for p, _ in occluding_contour(s.tube, session.views[v].camera)])
+
+
+def gap(a: np.ndarray, b: np.ndarray) -> float:
+    """Longest way [px] from a point of a to the next of b."""
+    return float(max(np.linalg.norm(p - b, axis=1).min() for p in a[::20]))

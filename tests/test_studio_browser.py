@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,32 +11,10 @@ import pytest
 import symseek
 from symseek import cli
 from symseek.sim.curve import evenly
-from symseek.sim.surface import occluding_contour
-from tests.browser import Hand, chromium, opened
+from tests.browser import chromium, contour, gap, opened
 
 pytestmark = pytest.mark.skipif(chromium() is None, reason="no Chromium: on Debian `make test` installs it")
 SQUASH = cli.demos()["squash"]
-PICTURES = os.environ.get("SYMSEEK_PICTURES")
-"""A folder for screenshots of each step."""
-
-
-def shot(hand: Hand, name: str) -> None:
-    if PICTURES:
-        hand.page.wait_for_timeout(500)
-        hand.page.screenshot(path=Path(PICTURES, f"{name}.png"))
-
-
-def contour(hand: Hand, fine: int = 6000) -> np.ndarray:
-    """Points of the model's contour, close together."""
-    session = hand.studio.page.session
-    assert session is not None
-    (s,) = hand.studio.engine.snapshots.values()
-    return np.concatenate([evenly(p, fine, False) for p, _ in occluding_contour(s.tube, session.view.camera)])
-
-
-def gap(a: np.ndarray, b: np.ndarray) -> float:
-    """Longest way [px] from a point of a to the next of b."""
-    return float(max(np.linalg.norm(p - b, axis=1).min() for p in a[::20]))
 
 
 def test_a_squash_is_drawn_run_pulled_undone_and_saved(tmp_path):
@@ -48,18 +24,18 @@ def test_a_squash_is_drawn_run_pulled_undone_and_saved(tmp_path):
     with opened(["squash.jpg"], tmp_path) as hand:
         page, engine = hand.studio.page, hand.studio.engine
         assert page.session is not None
-        shot(hand, "1-opened")
+        hand.shot("1-opened")
         for point in given.tubes[0].spine:
             hand.click(point)
         hand.wait(lambda: engine.snapshots)
         (item,) = page.session.state.items
         np.testing.assert_allclose(page.session.axis(item.uid), given.tubes[0].spine, atol=0.5)
-        shot(hand, "2-drawn")
+        hand.shot("2-drawn")
 
         hand.press("Run")
         hand.at_rest()
         (rested,) = engine.snapshots.values()
-        shot(hand, "3-at rest")
+        hand.shot("3-at rest")
         assert rested.converged
         before = contour(hand)
         truth = np.concatenate([evenly(p, 6000, False) for p in known.contour])
@@ -71,11 +47,11 @@ def test_a_squash_is_drawn_run_pulled_undone_and_saved(tmp_path):
         there = edge + 40 * np.array([0.37, -0.93])
         hand.drag(edge, there)
         hand.wait(lambda: np.linalg.norm(contour(hand, 500) - there, axis=1).min() < 2.0)
-        shot(hand, "4-pulled")
+        hand.shot("4-pulled")
         hand.let_go()
         hand.wait(lambda: page.session and page.session.can_undo == "a pull")
         hand.at_rest()
-        shot(hand, "5-let go")
+        hand.shot("5-let go")
         after = contour(hand)
         assert gap(after, before) < 0.5 and gap(before, after) < 0.5
         pulled = next(iter(engine.snapshots.values()))
@@ -91,7 +67,7 @@ def test_a_squash_is_drawn_run_pulled_undone_and_saved(tmp_path):
         hand.press("Undo")
         hand.wait(lambda: page.session and page.session.can_redo == "a pull")
         hand.at_rest()
-        shot(hand, "6-undone")
+        hand.shot("6-undone")
         (undone,) = engine.snapshots.values()
         assert np.array_equal(undone.tube, rested.tube)
 
@@ -105,14 +81,14 @@ def test_a_squash_is_drawn_run_pulled_undone_and_saved(tmp_path):
 
         hand.press("In space")
         hand.wait(lambda: page.in_space)
-        shot(hand, "7-in space")
+        hand.shot("7-in space")
         hand.press("Web page")
         hand.wait(lambda: page.told[0] == "Written")
         hand.page.set_viewport_size({"width": 480, "height": 360})
         hand.page.goto((tmp_path / "squash-studio.html").as_uri())
         hand.page.wait_for_selector("canvas")
         hand.page.wait_for_timeout(1000)
-        shot(hand, "8-web page")
+        hand.shot("8-web page")
         seen = hand.page.locator("canvas").first.screenshot()
         assert len(seen) > 20_000, "a picture, not an empty page"
         assert page.told[1].count("fault") == 0
