@@ -91,7 +91,8 @@ run(Finger(seed=3), stream, kept=Kept(Path(sys.argv[2]), "stamp", False))
 
 def test_a_process_killed_at_any_moment_goes_on_to_the_same_bits(finger, stream, whole, tmp_path):
     """By SIGKILL, at a moment by chance: in a frame, or while one is written."""
-    np.savez(tmp_path / "stream.npz", **{str(i): np.stack(f) for i, f in enumerate(stream) if not isinstance(f, str)})
+    whole_ones = {str(i): np.stack(f) for i, f in enumerate(stream) if not isinstance(f, str)}
+    np.savez(tmp_path / "stream.npz", allow_pickle=False, **whole_ones)
     path, rng = tmp_path / "finger.kept", np.random.default_rng()
     command = [sys.executable, "-c", RUN, str(tmp_path / "stream.npz"), str(path), str(COUNT)]
     process = subprocess.Popen(command, cwd=Path(__file__).parents[1])
