@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+from pathlib import Path
+from time import monotonic, sleep
+
 import numpy as np
 import pytest
 
@@ -65,6 +70,43 @@ def test_a_killed_run_goes_on_to_the_same_bits(finger, stream, whole, tmp_path, 
     for name in ("tube", "spine", "velocity"):
         np.testing.assert_array_equal(getattr(found, name), getattr(whole, name))
     assert found.notes == whole.notes and found.warnings == whole.warnings and found.measures == whole.measures
+
+
+RUN = """
+import sys
+from pathlib import Path
+
+import numpy as np
+from symseek.device import start_quietly
+from symseek.scenes.finger import Finger
+from symseek.sim.kept import Kept
+from tests.test_motion import run
+
+start_quietly()
+with np.load(sys.argv[1]) as file:
+    stream = [list(file[str(i)]) if str(i) in file else "left.png is broken" for i in range(int(sys.argv[3]))]
+run(Finger(seed=3), stream, kept=Kept(Path(sys.argv[2]), "stamp", False))
+"""
+
+
+def test_a_process_killed_at_any_moment_goes_on_to_the_same_bits(finger, stream, whole, tmp_path):
+    """By SIGKILL, at a moment by chance: in a frame, or while one is written."""
+    whole_ones = {str(i): np.stack(f) for i, f in enumerate(stream) if not isinstance(f, str)}
+    np.savez(tmp_path / "stream.npz", allow_pickle=False, **whole_ones)
+    path, rng = tmp_path / "finger.kept", np.random.default_rng()
+    command = [sys.executable, "-c", RUN, str(tmp_path / "stream.npz"), str(path), str(COUNT)]
+    process = subprocess.Popen(command, cwd=Path(__file__).parents[1])
+    until = monotonic() + 120
+    while not (path.is_file() and path.stat().st_size > 64):  # one whole frame is there
+        assert process.poll() is None and monotonic() < until
+        sleep(0.005)
+    sleep(rng.uniform(0.0, 0.3))
+    process.kill()
+    process.wait()
+    found = run(finger, stream, kept=Kept(path, "stamp", True)).objects[0]
+    for name in ("tube", "spine", "velocity"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(whole, name))
+    assert found.notes == whole.notes and found.warnings == whole.warnings
 
 
 def test_another_scene_is_not_gone_on_from(tmp_path):
