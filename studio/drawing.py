@@ -7,6 +7,7 @@ scaled and moved as a whole to where that camera sees their middle, and the othe
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -34,6 +35,8 @@ LINES = {"wire": 1.0, "contour": 3.0, "spine": 2.0, "axis": 2.0, "springs": 3.0}
 """What is drawn on it, from below, and how thick [screen px]."""
 BESIDE = (0.25, 0.9)
 """Cosine between two views' lines of sight, from and to, where the one's photograph stands beside the other."""
+DRAWN = itertools.count()
+"""Scenes: a page keeps the pose of what it showed by the same name before."""
 LIGHTS, AMBIENT = (("key", (-0.6, -1.0, -0.7), 2.6), ("fill", (1.0, 0.3, -0.4), 0.5)), 0.6
 """Lights in space: from where, how bright."""
 SPRING, AXIS, SPINE, FIRST = (255, 148, 40), (255, 255, 255), (255, 222, 60), (255, 255, 255)
@@ -113,11 +116,13 @@ class Drawing:
         for name, place, intensity in LIGHTS:
             scene.add_light_directional(f"/lights/{name}", intensity=intensity, position=place)
         scene.add_light_ambient("/lights/all", intensity=AMBIENT)
-        self.pictures, self._middles = [], []
+        self.pictures, self._middles, drawn = [], [], next(DRAWN)
         for v, view in enumerate(views):
             pixels, size = _pixels(view.image)
             self.pictures.append(
-                scene.add_image(f"/photograph {v}", pixels, *size, jpeg_quality=92, cast_shadow=False, receive_shadow=False)
+                scene.add_image(
+                    f"/photograph {drawn}.{v}", pixels, *size, jpeg_quality=92, cast_shadow=False, receive_shadow=False
+                )
             )
             self._middles.append(np.array([*(size - 1) / 2, 0.0]))
         self._lines = {

@@ -16,26 +16,26 @@ pytestmark = pytest.mark.skipif(chromium() is None, reason="no Chromium: on Debi
 FINGER = cli.demos()["finger"]
 
 
-def lower_edge(hand: Hand, v: int) -> np.ndarray:
-    """The lowest place of the model's middle in view v."""
+def right_edge(hand: Hand, v: int) -> np.ndarray:
+    """The rightmost place of the model's middle in view v."""
     session = hand.studio.page.session
     assert session is not None
     (s,) = hand.studio.engine.snapshots.values()
     seen = session.views[v].camera.project(s.tube[:, 12])
-    return seen[seen[:, 1].argmax()]
+    return seen[seen[:, 0].argmax()]
 
 
-def lowest(contour: np.ndarray, column: float) -> float:
-    """Row of the contour's lower side at a column."""
-    return contour[np.abs(contour[:, 0] - column) < 1.0, 1].max()
+def rightmost(contour: np.ndarray, row: float) -> float:
+    """Column of the contour's right side at a row."""
+    return contour[np.abs(contour[:, 1] - row) < 1.0, 0].max()
 
 
 def pull(hand: Hand, v: int, way: float) -> None:
-    """Takes the lower edge down by some pixels, sees it follow, and lets go."""
-    session, edge = hand.studio.page.session, lower_edge(hand, v)
+    """Takes the right edge out by some pixels, sees it follow, and lets go."""
+    session, edge = hand.studio.page.session, right_edge(hand, v)
     assert session is not None
-    hand.drag(edge, edge + np.array([0.0, way]), 8)
-    hand.wait(lambda: lower_edge(hand, v)[1] > edge[1] + 0.8 * way)
+    hand.drag(edge, edge + np.array([way, 0.0]), 8)
+    hand.wait(lambda: right_edge(hand, v)[0] > edge[0] + 0.8 * way)
     hand.shot(f"{session.name}-pulled")
     hand.let_go()
     hand.wait(lambda: session.can_undo == "a pull")
@@ -46,30 +46,30 @@ def test_a_pair_and_then_a_film(tmp_path):
     for view in scene.views:
         Image.fromarray(np.rint(255 * view.image).astype(np.uint8)).save(tmp_path / f"{view.name}.png")
     shutil.copytree(FINGER.parent, tmp_path / "finger")
-    axis = scene.tubes[0].spine
+    axes = [view.camera.project(scene.tubes[0].spine[10::45]) for view in scene.views]
     with opened(["left.png", "right.png"], tmp_path) as hand:
         page, engine = hand.studio.page, hand.studio.engine
         pair = page.session
         assert pair is not None
-        for point in axis:
+        for point in axes[0]:
             hand.click(point)
         hand.choose("Through", "right")
         hand.wait(lambda: page.eye == 1)
-        for point in axis:
+        for point in axes[1]:
             hand.click(point)
         hand.wait(lambda: len(engine.snapshots) == 1)
         hand.shot("pair-drawn")
         (item,) = pair.state.items
-        np.testing.assert_allclose(pair.axis(item.uid, 1), axis, atol=0.5)
+        np.testing.assert_allclose(pair.axis(item.uid, 1), axes[1], atol=0.5)
         hand.press("Run")
         hand.at_rest()
-        rested, place = contour(hand, v=1), lower_edge(hand, 1)[0]
+        rested, place = contour(hand, v=1), right_edge(hand, 1)[1]
         hand.press("Pull")
         hand.wait(lambda: page.tool == "Pull")
         pull(hand, 1, 30)
         hand.at_rest()
         hand.shot("pair-let go")
-        assert abs(lowest(contour(hand, v=1), place) - lowest(rested, place)) < 0.5
+        assert abs(rightmost(contour(hand, v=1), place) - rightmost(rested, place)) < 0.5
         assert {s["view"] for s in pair.item(item.uid).table["spring"]} == {"right"}
 
         hand.choose("File", "finger/scene.toml")
@@ -84,8 +84,10 @@ def test_a_pair_and_then_a_film(tmp_path):
         hand.wait(lambda: not film.tracking)
         hand.shot("film-tracked")
         last = engine.frame
-        hand.page.get_by_role("slider").first.press("ArrowLeft")
+        hand.press("Back")
         hand.wait(lambda: engine.frame == last - 1 and page._pictured[0] == last - 1)
+        slider = hand.page.get_by_role("slider").first
+        hand.wait(lambda: slider.get_attribute("aria-valuenow") == str(last - 1))
         hand.shot("film-back")
         pull(hand, 0, 12)
         hand.wait(lambda: not engine.going())
