@@ -94,7 +94,7 @@ def test_a_pair_and_then_a_film(tmp_path):
         assert {s["frame"] for s in session.item(1).table["spring"]} == {last - 1} and film.count == last
         hand.shot("film-put right")
         hand.press("Track")
-        hand.wait(lambda: film.count > last + 1)
+        hand.wait(lambda: film.count > last)
         hand.press("Stop")
         hand.wait(lambda: not film.tracking)
         assert engine.snapshots[1].note == "" and "fault" not in page.told[0]
