@@ -220,7 +220,9 @@ class Assembly(Fabric):
             radius = np.linalg.norm(own - own.mean(axis=1, keepdims=True), axis=2).mean(axis=1)
             # the first tube is thinner than the object
             least = self._radius(k) / self.unit if self.weights.share == 1 else 0.0
-            body = ends(spines[rings], np.maximum(radius, least)) ** 2 if self.tubes[k].material.closed else np.ones(ns)
+            body = np.ones(ns)
+            if self.tubes[k].material.closed and not any(self.tubes[k].goes_on):  # where it goes on is no end to be led
+                body = ends(spines[rings], np.maximum(radius, least)) ** 2
             own_say = LEAST + (1 - LEAST) * body
             weak[rings] *= np.sqrt(1 - own_say)[:, None]
             modes[rings], say[rings] = course(spines[rings], radius, own_say)
