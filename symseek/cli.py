@@ -9,9 +9,11 @@ import argparse
 import math
 import signal
 import sys
+import threading
 import time
 from collections.abc import Sequence
 from pathlib import Path
+from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 from . import __version__
@@ -25,13 +27,15 @@ DEMOS = Path(__file__).resolve().parent / "scenes"
 DEMO_DEFAULT = "squash"
 MANY = 4
 """Objects above which the summary has a line for each rather than a column."""
+_interrupted = threading.Event()
 IMAGES = {".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".npy"}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command, of the process or as given; returns the exit status."""
     if arguments is None:  # the process is ours: a plain kill cleans up as ^C does
-        signal.signal(signal.SIGTERM, signal.default_int_handler)
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, interrupt)
     options = _parser().parse_args(arguments)
     try:
         if options.command == "doctor":
@@ -49,6 +53,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # the reader of our output has gone
         sys.stderr.close()
         return 1
+
+
+def interrupt(number: int, frame: FrameType | None) -> None:
+    """Ends the run, now or, where a destructor swallows the exception, at the next `Show.progress`."""
+    _interrupted.set()
+    raise KeyboardInterrupt
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -229,6 +239,8 @@ class Show:
         self.open = False
 
     def progress(self, p: Progress | Shown) -> None:
+        if _interrupted.is_set():
+            raise KeyboardInterrupt
         if self.quiet:
             return
         from .sim.track import Shown

@@ -9,6 +9,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ from symseek.record import FORMS
 from symseek.render.platform import RenderError
 from symseek.scene import Output
 from symseek.scenes import raster
+from symseek.sim.track import Shown
 
 QUICK = ["object.grid=[12, 15]", "solver.iterations=60", "output.video_fps=1"]
 ALL = {"result.json", "overlay.png", "views.png", "potentials.png", "foreground.png", "reconstruction.mp4"}
@@ -221,6 +223,22 @@ def test_a_signal_ends_a_process_cleanly(number, tmp_path):
         _, err = process.communicate(timeout=60)
     assert process.returncode == 1 and "interrupted, nothing written" in err and "Traceback" not in err
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_signal_that_a_destructor_swallows_ends_the_run_at_the_next_iteration(monkeypatch):
+    class Swallows:
+        def __del__(self):
+            cli.interrupt(signal.SIGINT, None)
+
+    swallowed = []
+    monkeypatch.setattr(sys, "unraisablehook", lambda row: swallowed.append(row.exc_type))
+    monkeypatch.setattr(cli, "_interrupted", threading.Event())
+    show, frame = cli.Show(quiet=True), Shown(0, [])
+    show.progress(frame)
+    Swallows()
+    assert swallowed == [KeyboardInterrupt]
+    with pytest.raises(KeyboardInterrupt):
+        show.progress(frame)
 
 
 def test_without_opengl_the_rest_is_written(at_once, tmp_path, monkeypatch, capsys):
