@@ -73,9 +73,9 @@ def filled(outlines: list[np.ndarray], shape: tuple[int, int]) -> np.ndarray:
     return np.asarray(mask).reshape(shape[0], fine, shape[1], fine).mean(axis=(1, 3)) > 0.5
 
 
-def silhouette(result: symseek.Result) -> np.ndarray:
-    """Mask of the image, shape (H, W), that the projected triangles cover."""
-    view, o = result.scene.views[0], result.objects[0]
+def silhouette(result: symseek.Result, k: int = 0) -> np.ndarray:
+    """Mask of the image, shape (H, W), that the projected triangles of object k cover."""
+    view, o = result.scene.views[0], result.objects[k]
     corners = view.camera.project(o.vertices)[o.faces]
     return filled(list(corners), view.image.shape[:2])
 

@@ -297,7 +297,7 @@ def _rounds(
     """
     core = core & ~far
     # what is surely background need not be solved for, but for a rim
-    walk = Walk.on(look.x, ndimage.binary_dilation(~far, iterations=2))
+    walk = Walk.on(look.x, ndimage.binary_dilation(~far, iterations=2), look.known)
     inside = core.astype(float) if before is None else before
     mine = core if before is None else _at_axis(before, look.line)
     centre, reach = look.line, np.full(len(look.line), np.inf)

@@ -69,7 +69,7 @@ def region_map(
     for p in (marks - lo) / step:
         far |= np.hypot(cols - p[0], rows - p[1]) <= walker.MARK * ACROSS
     core &= ~far
-    walk, inside = Walk.on(x, ndimage.binary_dilation(~far, iterations=2)), mine.astype(float)
+    walk, inside = Walk.on(x, ndimage.binary_dilation(~far, iterations=2), known), mine.astype(float)
     lean = LEAN * (within**2 - beyond**2) / deepest**2
     for k in range(ROUNDS):
         ratio = walker.likelihood(cells, mine, known, x.shape[2])

@@ -12,6 +12,8 @@ BLOCK = 8
 """Side of a block of samples that the solver takes as one first."""
 PARTING = 0.4
 """Mean square of the differences between neighbours at which they part, times that of the whole image."""
+UNKNOWN = 0.03
+"""Weight of ties through samples that are not to be looked at: they carry the map across, but lead nobody else's in."""
 DECIDED = 0.02
 """Difference of the map between neighbours above which their edge counts by the difference, not by its square."""
 
@@ -32,16 +34,17 @@ class Walk:
     """which block each sample is in."""
 
     @staticmethod
-    def on(x: np.ndarray, where: np.ndarray) -> Walk:
-        """The 8-neighbour graph with weights exp(-|dX|^2 / (2 PARTING mean |dX|^2)) + 1e-4.
+    def on(x: np.ndarray, where: np.ndarray, known: np.ndarray) -> Walk:
+        """The 8-neighbour graph with weights exp(-|dX|^2 / (2 PARTING mean |dX|^2)) + 1e-4, times `UNKNOWN` where unknown.
 
         Args:
             x: image, shape (h, w, channels).
             where: the samples to walk on, shape (h, w), bool.
+            known: what may be looked at, shape (h, w), bool.
         """
         h, w = where.shape
         index = np.cumsum(where).reshape(h, w) - 1
-        firsts, seconds, squares, total, count = [], [], [], 0.0, 0
+        firsts, seconds, squares, ties, total, count = [], [], [], [], 0.0, 0
         for dy, dx in ((0, 1), (1, 0), (1, 1), (1, -1)):
             a = (slice(0, h - dy), slice(max(0, -dx), w - max(0, dx)))
             b = (slice(dy, h), slice(max(0, dx), w + min(0, dx)))
@@ -51,7 +54,9 @@ class Walk:
             firsts.append(index[a][both])
             seconds.append(index[b][both])
             squares.append(square[both])
+            ties.append(np.where(known[a] & known[b], 1.0, UNKNOWN)[both])
         weight = np.exp(-np.concatenate(squares) / (2 * PARTING * total / count + 1e-12)) + 1e-4
+        weight *= np.concatenate(ties)
         rows, cols = np.indices((h, w)) // BLOCK
         block = np.unique((rows * (cols.max() + 1) + cols)[where], return_inverse=True)[1]
         return Walk(where, np.concatenate(firsts), np.concatenate(seconds), weight, block)

@@ -57,3 +57,14 @@ def test_a_thumb_before_a_squash():
     for name in ("tube", "mask"):
         assert squash[name][below].mean() > squash["dented"][below].mean() + 0.3
         assert 0.02 < found[name].objects[0].measures["hidden_share"] < 0.4 and found[name].objects[0].trusted
+
+
+def test_a_pear_behind_a_pear():
+    """The order is found, and the left pear goes on below the right one; its dark flank is its own."""
+    result = symseek.reconstruct(symseek.load(photographs.SCENES / "pears.toml"))
+    right, left = result.objects
+    assert right.measures["depth"] < left.measures["depth"] and right.trusted and left.trusted
+    covers = photographs.silhouette(result, 1)
+    on, off = ((190, 306), (181, 329), (164, 347), (53, 290)), ((196, 330), (178, 356), (42, 290), (215, 180))
+    assert all(covers[row, column] for column, row in on) and not any(covers[row, column] for column, row in off)
+    assert 0.1 < left.measures["hidden_share"] < 0.3 and left.measures["asymmetry"] < 0.01
