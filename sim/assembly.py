@@ -14,7 +14,7 @@ from .fabric import Fabric
 from .fields import joined, marks
 from .foreground import Foreground, axis_curve, length_of
 from .guide import LEAST, MODES, course, ends, weakest
-from .hidden import Hidden
+from .hidden import Hidden, clear_of
 from .initial import deal, fading, initial_tube, lift
 from .model import Model
 from .neighbours import foregrounds
@@ -59,6 +59,8 @@ class Assembly(Fabric):
 
     Attributes:
         own_views: of each tube, what it must not look at left out.
+        hidden, meetings: where each tube is hidden in each view, and where outlines of what lies behind meet its own, image
+            points (n, 2): by `visibility.Visibility`.
     """
 
     def __init__(self, views: list[View], tubes: list[Tube], settings: Settings, device: str, maps: list[list[Foreground]]):
@@ -80,6 +82,7 @@ class Assembly(Fabric):
         self.lengths = [length_of(axis_curve(a)) for a in self.axes]
         sizes = [int(np.prod(s.shape)) for row in self.spaces for s in row]
         self.hidden: list[list[Hidden | None]] = [[Hidden.of(view.ignore) for view in own] for own in self.own_views]
+        self.meetings: list[list[np.ndarray]] = [[np.zeros((0, 2)) for _ in views] for _ in tubes]
         self.others: list[list[Hidden | None]] = [[None] * len(views) for _ in tubes]
         model = Model([t.grid for t in tubes], [t.material.closed for t in tubes], len(views), sum(sizes), device)
         super().__init__(model, tubes, settings, device, self.lengths[0], axis_curve(self.axes[0]).mean(axis=0))
@@ -284,6 +287,8 @@ class Assembly(Fabric):
                 start = next(starts)
                 hidden = self.hidden[k][v]
                 shown = p.samples if hidden is None else hidden.seen_of(p, self.maps[k][v])
+                if len(self.meetings[k][v]):
+                    shown = shown * clear_of(self.meetings[k][v], p, self.maps[k][v])
                 samples[start : start + h * w] = shown.reshape(-1, 4)
                 f = image_kernels.Field()
                 f.start, f.width, f.height = start, w, h

@@ -8,12 +8,14 @@ import numpy as np
 from scipy import ndimage
 
 from .foreground import Foreground
-from .potential import Potential
+from .potential import MAP_LED, Potential
 
 GUESS = 0.2
 """Least share of what the map says of an object where it is hidden."""
 NEAR, RISE = 1.0, 1.0
 """From a hidden pixel on, in blurs of the potential: how far beta stays 0, and over how far it rises to 1."""
+MEETING = 2.0
+"""The same, both, from where the outline of what lies behind meets the object's own."""
 
 
 def window(box: np.ndarray, shape: tuple[int, ...], room: float = 0.0) -> tuple[slice, slice]:
@@ -21,6 +23,37 @@ def window(box: np.ndarray, shape: tuple[int, ...], room: float = 0.0) -> tuple[
     left, top = np.clip(np.floor(box[0] - room), 0, shape[1::-1]).astype(int).tolist()
     right, bottom = np.clip(np.ceil(box[1] + room) + 1, 0, shape[1::-1]).astype(int).tolist()
     return slice(top, bottom), slice(left, right)
+
+
+def _rising(mask: np.ndarray, potential: Potential, near: float, rise: float) -> np.ndarray:
+    """At a potential's samples, shape (h, w): 0 on a mask of them and `near` blurs further, 1 from `rise` more on."""
+    off = np.asarray(ndimage.distance_transform_edt(~mask)) * potential.step
+    blur = np.sqrt(potential.sigma**2 + potential.step**2)
+    return np.clip((off / blur - near) / rise, 0.0, 1.0).astype(np.float32)
+
+
+def clear_of(meetings: np.ndarray, potential: Potential, map_: Foreground) -> np.ndarray:
+    """What to multiply a potential's samples by, shape (h, w, 4), so that no edges count where outlines meet.
+
+    Smoothed, an edge bends towards another that ends at it, by a pixel at a blur of one. Where the map alone leads
+    nothing is changed, and its push on poles is left.
+
+    Args:
+        meetings: image points where the outline of what lies behind an object meets its own, shape (n, 2).
+        potential: the object's.
+        map_: the object's.
+    """
+    clear = np.ones((*potential.magnitude.shape, 4), np.float32)
+    if potential.sigma > MAP_LED * map_.half_width:
+        return clear
+    column, row = np.rint((meetings - potential.origin) / potential.step).astype(int).T
+    height, width = potential.magnitude.shape
+    within = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+    if within.any():
+        mask = np.zeros((height, width), bool)
+        mask[row[within], column[within]] = True
+        clear[..., :3] = _rising(mask, potential, MEETING, MEETING)[..., None]
+    return clear
 
 
 @dataclass(frozen=True)
@@ -52,9 +85,7 @@ class Hidden:
         """
         h, w = potential.magnitude.shape
         points = np.stack(np.meshgrid(np.arange(w), np.arange(h)), axis=-1) * potential.step + potential.origin
-        off = np.asarray(ndimage.distance_transform_edt(~self.at(points))) * potential.step
-        blur = np.sqrt(potential.sigma**2 + potential.step**2)
-        return np.clip((off / blur - NEAR) / RISE, 0.0, 1.0).astype(np.float32)
+        return _rising(self.at(points), potential, NEAR, RISE)
 
     def seen_of(self, potential: Potential, map_: Foreground) -> np.ndarray:
         """A potential's samples, shape (h, w, 4), times beta; `GUESS` of the map's word is left where it is the best."""

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import warp as wp
+from scipy import ndimage
 from scipy.sparse.csgraph import connected_components
 
 from ..kernels import rays
@@ -131,7 +132,7 @@ class Visibility:
         self._drawn: dict[tuple[int, int], tuple[tuple[int, ...], np.ndarray]] = {}
 
     def refresh(self, scenes: Sequence[Assembly]) -> list[bool | None]:
-        """Writes `Assembly.hidden` of every tube in every view that has moved since last time, or another about it.
+        """Writes `Assembly.hidden` and `meetings` of every tube in every view that has moved, or another about it.
 
         Returns:
             for each assembly None if nothing changed, else whether anything did by much.
@@ -140,18 +141,22 @@ class Visibility:
         changed: list[bool | None] = [None] * len(scenes)
         worlds = [scenes[number].world(k)[0] for number, k in where]
         for v, view in enumerate(scenes[0].views if scenes else ()):
-            for i, hidden in self._view(v, view.camera, view.image.shape[:2], worlds).items():
+            for i, (hidden, meetings) in self._view(v, view.camera, view.image.shape[:2], worlds).items():
                 number, k = where[i]
-                own = scenes[number].hidden[k]
+                own, met = scenes[number].hidden[k], scenes[number].meetings[k]
                 hidden = Hidden.of(scenes[number].own_views[k][v].ignore, hidden)
                 much = _differ(own[v], hidden)
+                if not np.array_equal(met[v], meetings):
+                    much = bool(much) or not (len(met[v]) and len(meetings))
                 if much is not None:
                     changed[number] = bool(changed[number]) or much
-                own[v] = hidden
+                own[v], met[v] = hidden, meetings
         return changed
 
-    def _view(self, v: int, camera: Camera, shape: tuple[int, ...], tubes: list[np.ndarray]) -> dict[int, Hidden | None]:
-        """What hides those tubes for which it may have changed, by their numbers."""
+    def _view(
+        self, v: int, camera: Camera, shape: tuple[int, ...], tubes: list[np.ndarray]
+    ) -> dict[int, tuple[Hidden | None, np.ndarray]]:
+        """What hides those tubes for which it may have changed, and where outlines behind meet theirs, by their numbers."""
         flat, margins = [], []
         for tube in tubes:
             own, centre = seen(camera, tube), tube.mean(axis=0)
@@ -163,17 +168,17 @@ class Visibility:
         boxes = np.array([[f[..., :2].min((0, 1)) - ROOM, f[..., :2].max((0, 1)) + ROOM] for f in flat])
         meets = np.array([np.all((boxes[:, 0] < high) & (low < boxes[:, 1]), axis=1) for low, high in boxes])
         _, group = connected_components(meets, directed=False)
-        found: dict[int, Hidden | None] = {}
+        found: dict[int, tuple[Hidden | None, np.ndarray]] = {}
         for members in (np.flatnonzero(group == g) for g in np.unique(group)):
             key = tuple(members.tolist())
             if all(self._as_drawn(v, k, key, flat[k], margins[k]) for k in key):
                 continue
             self._drawn.update({(v, k): (key, flat[k]) for k in key})
-            behind = [None]
+            behind = [(None, np.zeros((0, 2)))]
             if len(key) > 1:
                 own = [flat[k] for k in key], [margins[k] for k in key]
                 behind = self._group(*own, boxes[members], meets[np.ix_(members, members)], shape)
-            found |= {k: _with_own(hidden, flat[k], shape) for k, hidden in zip(key, behind, strict=True)}
+            found |= {k: (_with_own(hidden, flat[k], shape), met) for k, (hidden, met) in zip(key, behind, strict=True)}
         return found
 
     def _as_drawn(self, v: int, k: int, key: tuple[int, ...], flat: np.ndarray, margin: float) -> bool:
@@ -184,13 +189,13 @@ class Visibility:
 
     def _group(
         self, flat: list[np.ndarray], margins: list[float], boxes: np.ndarray, meets: np.ndarray, shape: tuple[int, ...]
-    ) -> list[Hidden | None]:
-        """What hides each of several tubes as seen whose boxes (K, 2, 2) meet, (K, K), in an image of that shape."""
+    ) -> list[tuple[Hidden | None, np.ndarray]]:
+        """The same for each of several tubes as seen whose boxes (K, 2, 2) meet, (K, K), in an image of that shape."""
         near, far = (np.array([f(own[..., 2]) for own in flat]) for f in (np.min, np.max))
         # first of a pair may lie in front of second somewhere
         pairs = np.argwhere(meets & (near[:, None] < far - margins))
         if not len(pairs):
-            return [None] * len(flat)
+            return [(None, np.zeros((0, 2)))] * len(flat)
         size = np.array(shape[1::-1])
         shared = np.stack([boxes[pairs, 0].max(axis=1), boxes[pairs, 1].min(axis=1)], axis=1)
         first = np.clip(np.floor(shared[:, 0].min(axis=0)), 0, size - 1).astype(int)
@@ -231,21 +236,42 @@ def note_others(scenes: Sequence[Assembly]) -> None:
 
 def _behind(
     depth: np.ndarray, owner: np.ndarray, number: int, centre: np.ndarray, box: np.ndarray, first: np.ndarray, margin: float
-) -> Hidden | None:
-    """Where another mesh is nearer than the spine of mesh `number` beside it, in its box."""
+) -> tuple[Hidden | None, np.ndarray]:
+    """Where another mesh is nearer than the spine of mesh `number` beside it, in its box; and `_meetings`."""
     height, width = depth.shape
     left, top = np.clip(np.floor(box[0]), 0, [width, height]).astype(int)
     right, bottom = np.clip(np.ceil(box[1]) + 1, 0, [width, height]).astype(int)
     part = slice(top, bottom), slice(left, right)
     other = (owner[part] >= 0) & (owner[part] != number) & (depth[part] < centre[:, 2].max() - margin)
-    if not other.any():
-        return None
-    rows, columns = np.nonzero(other)
-    at = np.stack([columns + left, rows + top], axis=1) + first
-    nearest = ((at[:, None] - centre[None, :, :2]) ** 2).sum(axis=2).argmin(axis=1)
     mask = np.zeros(other.shape, bool)
-    mask[rows, columns] = depth[part][rows, columns] < centre[nearest, 2] - margin
-    return Hidden(mask, (int(left + first[0]), int(top + first[1]))) if mask.any() else None
+    corner = int(left + first[0]), int(top + first[1])
+    if other.any():
+        rows, columns = np.nonzero(other)
+        at = np.stack([columns, rows], axis=1) + corner
+        nearest = ((at[:, None] - centre[None, :, :2]) ** 2).sum(axis=2).argmin(axis=1)
+        mask[rows, columns] = depth[part][rows, columns] < centre[nearest, 2] - margin
+    return Hidden(mask, corner) if mask.any() else None, _meetings(owner[part], number, mask) + corner
+
+
+def _meetings(owner: np.ndarray, number: int, hides: np.ndarray) -> np.ndarray:
+    """Where outlines of what lies behind mesh `number` meet its own, (column, row), shape (n, 2).
+
+    Those are pixels beside it with a neighbour that shows something third. Near what lies before it nothing counts anyway.
+
+    Args:
+        owner: which mesh each pixel shows, shape (h, w).
+        number: of the mesh.
+        hides: where it is hidden, shape (h, w), bool.
+    """
+    edge = np.zeros(owner.shape, bool)
+    for o, e in ((owner, edge), (owner.T, edge.T)):
+        apart = (o[:-1] != o[1:]) & (o[:-1] != number) & (o[1:] != number)
+        e[:-1] |= apart
+        e[1:] |= apart
+    around = np.ones((3, 3), bool)
+    edge &= ndimage.binary_dilation(owner == number, around)
+    edge[ndimage.binary_dilation(hides, around, iterations=2)] = False
+    return np.argwhere(edge)[:, ::-1]
 
 
 def _with_own(found: Hidden | None, tube: np.ndarray, shape: tuple[int, ...]) -> Hidden | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from symseek.scenes import raster, shapes
 from symseek.scenes.synthetic import vertex_normals
 from symseek.sim.camera import Camera
 from symseek.sim.foreground import Foreground
-from symseek.sim.hidden import Hidden
+from symseek.sim.hidden import Hidden, clear_of
 from symseek.sim.potential import Potential
 from symseek.sim.visibility import Visibility, _grid_faces, cast_rays, hidden_by_depth, hidden_by_rays, note_others, seen
 
@@ -190,6 +191,7 @@ class Scene:
         self.views, self.tubes, self.nodes = [View()], [None], nodes
         self.own_views = [self.views]
         self.hidden: list[list[Hidden | None]] = [[None]]
+        self.meetings = [[np.zeros((0, 2))]]
 
     def world(self, k: int):
         return self.nodes, self.nodes.mean(axis=0)
@@ -212,8 +214,10 @@ def test_who_hides_whom(draw, way):
     """By the depth of the spines, though the tubes run through each other; only where both are; equal depths hide none."""
     visibility = Visibility(draw if way == "depth" else None)
     front, back = upright(100, 0.0), level(80, 5.0)
-    assert refresh(visibility, [front, back]) == [None, True]
+    assert refresh(visibility, [front, back]) == [True, True]
     assert front.hidden[0][0] is None
+    off, corner = KDTree([(85, 65), (85, 95), (115, 65), (115, 95)]).query(front.meetings[0][0])
+    assert off.max() < 2.5 and np.unique(corner).tolist() == [0, 1, 2, 3] and not len(back.meetings[0][0])
     hidden = back.hidden[0][0]
     assert hidden is not None
     rows, columns = np.mgrid[:200, :200]
@@ -222,10 +226,10 @@ def test_who_hides_whom(draw, way):
     assert mask[crossing].all() and not mask[(np.abs(columns - 100) > 16) | (np.abs(rows - 80) > 18)].any()
     assert refresh(visibility, [front, back]) == [None, None]
     back.nodes = back.nodes + np.array([0, 40.0, 0])
-    assert refresh(visibility, [front, back]) == [None, True]
+    assert refresh(visibility, [front, back]) == [False, True]  # where outlines meet is taken in and not told
     back.nodes = back.nodes - np.array([0, 0, 5.0])
-    assert refresh(visibility, [front, back]) == [None, True]
-    assert back.hidden[0][0] is None and front.hidden[0][0] is None
+    assert refresh(visibility, [front, back]) == [True, True]
+    assert not len(front.meetings[0][0]) and back.hidden[0][0] is None and front.hidden[0][0] is None
 
 
 @pytest.mark.parametrize("unit", [1.0, 0.01])
@@ -238,12 +242,13 @@ def test_who_hides_whom_in_any_units(affine, unit):
         k = np.array([[300.0, 0, 100], [0, 300, 100], [0, 0, 1]])
         camera = Camera.perspective(k, np.eye(3), unit * np.array([-100.0, -100, 300]))
     front, back = (Scene(unit * scene.nodes, camera) for scene in (upright(100, 0.0), level(80, 5.0)))
-    assert refresh(Visibility(None), [front, back]) == [None, True]
+    assert refresh(Visibility(None), [front, back]) == [True, True]
+    assert KDTree([(85, 65), (85, 95), (115, 65), (115, 95)]).query(front.meetings[0][0])[0].max() < 2.5
     hidden = back.hidden[0][0]
     assert hidden is not None and front.hidden[0][0] is None
     assert hidden.at(np.array([100, 80])) and hidden.mask.sum() == pytest.approx(30 * 35, rel=0.1)
     back.nodes = back.nodes - unit * np.array([0, 0, 4.999])
-    assert refresh(Visibility(None), [front, back]) == [None, True]
+    assert refresh(Visibility(None), [front, back]) == [True, True]
     assert back.hidden[0][0] is None
 
 
@@ -261,13 +266,13 @@ def test_what_stands_still_is_not_drawn_again():
         axis = 1 if np.ptp(scene.nodes[..., 1]) > np.ptp(scene.nodes[..., 0]) else 0
         scene.nodes = scene.nodes.copy()
         scene.nodes[..., axis] = np.interp(scene.nodes[..., axis], (20, 180), (low, high))
-    assert refresh(visibility, scenes) == [None, True, None, True] and drawn == [2, 2]
+    assert refresh(visibility, scenes) == [True] * 4 and drawn == [2, 2]
     assert refresh(visibility, scenes) == [None] * 4 and drawn == [2, 2]
     scenes[0].nodes = scenes[0].nodes + np.array([3.0, 0, 0])
-    assert refresh(visibility, scenes) == [None, True, None, None] and drawn == [2, 2, 2]
+    assert refresh(visibility, scenes) == [False, True, None, None] and drawn == [2, 2, 2]
     scenes[0].nodes = scenes[0].nodes + np.array([106.0, 0, 0])
     scenes[0].nodes[..., 1] += 100
-    assert refresh(visibility, scenes) == [None, True, None, True] and drawn == [2, 2, 2, 3]
+    assert refresh(visibility, scenes) == [False, True, False, True] and drawn == [2, 2, 2, 3]
     assert scenes[1].hidden[0][0] is None
 
 
@@ -357,6 +362,21 @@ def test_beta_of_a_half_plane():
         np.array([[29 + 1.5 * sigma, 20.0]]), sigma
     )
     assert not hidden.at(np.array([[0.0, 0.0], [9.0, 20.0], [15.0, 300.0]])).any()
+
+
+def test_no_edge_counts_where_outlines_meet():
+    """Nothing within two blurs, all from four on; the push on poles stays, and all where the map alone leads."""
+    potential = Potential(3.0, np.ones((60, 120, 4), np.float32), np.zeros((60, 120)), 0.5, (10.0, 10.0))
+    map_ = Foreground(np.zeros((9, 9), np.float32), 1.0, (0.0, 0.0), 100.0, 40.0, np.zeros((2, 2)))
+    met = np.array([[30.0, 20.0], [32.0, 20.0], [-500.0, 3.0]])
+    rows, columns = np.mgrid[10:40:0.5, 10:70:0.5]
+    off = KDTree(met).query(np.stack([columns, rows], axis=-1))[0]
+    expected = np.clip(off / np.hypot(3.0, 0.5) / 2 - 1, 0, 1)
+    clear = clear_of(met, potential, map_)
+    np.testing.assert_allclose(clear[..., :3], expected[..., None].repeat(3, axis=-1), atol=1e-6)
+    assert (clear[..., 3] == 1).all()
+    assert (clear_of(met, potential, replace(map_, half_width=10.0)) == 1).all()
+    assert (clear_of(met[2:], potential, map_) == 1).all()
 
 
 def test_grid_faces_close_the_ring():
