@@ -9,6 +9,8 @@ Coupling = wp.types.vector(length=8, dtype=float)
 SMALL = wp.constant(1.0e-9)
 WINDOW = wp.constant(20)
 """Segments of the spine either side that a ring's tangent looks at."""
+SHORTEST = wp.constant(0.5)
+"""Length of a segment of the spine, in mean initial ones, below which a ring's tangent counts for less."""
 THINNEST = wp.constant(0.004)
 """Radius below which a ring pushes itself open, in units of the initial length of the spine."""
 
@@ -69,7 +71,7 @@ def upright_spine(
     s: int,
     ns: int,
 ):
-    """What `upright` does to spine node s: the other half of the gradient of d/2 mean ((T - c).t)^2.
+    """What `upright` does to spine node s: the other half of the gradient of d/2 mean ((T - c).t)^2, t times `known`.
 
     Ring q looks from `first[q]` to `last[q]`, as far as the spine is in one piece.
     """
@@ -118,12 +120,14 @@ def ring_means(
     radius_out: wp.array[float],
     gap_out: wp.array[float],
     tangent_out: wp.array[wp.vec3],
+    known_out: wp.array[float],
     tilt_out: wp.array[wp.vec3],
 ):
     """Sets centroid and mean radius of each ring (below fig. 7), mean distance to the next ring, spine tangent, tilt.
 
     The tangent looks `WINDOW` segments either way as far as the spine is in one piece, the j-th with importance
-    `ring_far[., j]`: far ones count where near ones vanish, as they do under a flat end.
+    `ring_far[., j]`: far ones count where near ones vanish, as they do under a flat end. Where all do, it counts for less,
+    `known_out` times: a spine of no length has no direction.
     """
     r = wp.tid()
     k = ring_tube[r]
@@ -159,14 +163,21 @@ def ring_means(
             along += ring_far[r, j] * (spine_in[r + j + 1] - spine_in[r + j])
         if s - j > look_first[r]:
             along += ring_far[r, j] * (spine_in[r - j] - spine_in[r - j - 1])
+    least = SHORTEST / float(last)
+    if look_first[r] < s and s < look_last[r]:
+        least *= 2.0
+    size = wp.length(along)
+    known = wp.min(size / least, 1.0)
     t = unit(along)
     tilt = wp.vec3(0.0)
     for x in range(n):
         e = tube_in[start + x] - centroid
         tilt += wp.dot(e, t) * e
-    tilt = (tilt - wp.dot(tilt, t) * t) / float(n)
+    if known == 1.0:
+        tilt -= wp.dot(tilt, t) * t
     tangent_out[r] = t
-    tilt_out[r] = end_mass(s, last + 1) * tilt / wp.max(wp.length(along), 1.0 / float(last))
+    known_out[r] = known
+    tilt_out[r] = end_mass(s, last + 1) * known / (float(n) * wp.max(size, least)) * tilt
 
 
 @wp.kernel(enable_backward=False)
@@ -225,6 +236,7 @@ def tube_force(
     radius_in: wp.array[float],
     gap_in: wp.array[float],
     tangent_in: wp.array[wp.vec3],
+    known_in: wp.array[float],
     tension_in: wp.array[float],
     # scalars
     twisted: int,
@@ -248,7 +260,7 @@ def tube_force(
     spine = spine_in[r]
     centroid = centroid_in[r]
     radius = radius_in[r]
-    tangent = tangent_in[r]
+    tangent = known_in[r] * tangent_in[r]
     weight = coupling[r]
     even = mass * (attract(weight[1], spine, centroid) + hold_depth(weight[7], depth_rest[r], eyes[0], centroid))
     # a ring must not shrink through a point

@@ -24,7 +24,7 @@ def add_forces(model: Model, state: State, contour_kind: str, literal: bool, tau
         coupling.ring_means,
         m.rings,
         inputs=[*ring, m.look_first, m.look_last, m.ring_far, s.tube, s.spine],
-        outputs=[s.centroid, s.radius, s.gap, s.tangent, s.tilt],
+        outputs=[s.centroid, s.radius, s.gap, s.tangent, s.known, s.tilt],
         device=m.device,
     )
     wp.launch(
@@ -39,7 +39,7 @@ def add_forces(model: Model, state: State, contour_kind: str, literal: bool, tau
         m.rings,
         inputs=[
             *ring, m.ring_closed, m.w10, m.w20, m.w11, m.w01, m.w02, m.coupling, m.depth_rest, m.edge_hold, m.eyes,
-            s.tube, s.spine, s.centroid, s.radius, s.gap, s.tangent, s.held,
+            s.tube, s.spine, s.centroid, s.radius, s.gap, s.tangent, s.known, s.held,
             int(m.twisted),
         ],
         outputs=[s.force],

@@ -205,7 +205,7 @@ class State:
         self.natural_bend, self.tension = vectors(model.rings), vectors(model.rings)
         self.centroid, self.tangent, self.tilt, self.pull = (vectors(model.rings) for _ in range(4))
         self.course = wp.zeros((model.tubes, MODES), dtype=wp.vec3, device=model.device)  # pyright: ignore
-        self.radius, self.gap, self.held = (scalars(model.rings) for _ in range(3))
+        self.radius, self.gap, self.known, self.held = (scalars(model.rings) for _ in range(4))
         self.delta, self.low = vectors(model.nodes), vectors(4 * model.rings)
         self.residual, self.power = scalars(model.rings), scalars(model.rings)
         self.age, self.momentum = scalars(model.tubes), scalars(model.tubes)
