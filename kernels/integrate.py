@@ -4,6 +4,7 @@ import warp as wp
 
 from . import banded
 
+SMALL = wp.constant(1.0e-9)
 GROWTH = wp.constant(3.0)
 """Momentum n steps after it started anew is n / (n + this), until it is as large as it may be."""
 
@@ -43,6 +44,7 @@ def split_modes(
     start = ring_node[r]
     dt = step[k, 0]
     slow = step[k, 1]
+    centroid = centroid_in[r]
     mean = wp.vec3(0.0)
     cosine = wp.vec3(0.0)
     sine = wp.vec3(0.0)
@@ -55,7 +57,8 @@ def split_modes(
         power += wp.dot(f, velocity_in[start + x])
         cosine += wave[0] * f
         sine += wave[1] * f
-        radial += wp.dot(f, wp.normalize(tube_in[start + x] - centroid_in[r]))
+        out = tube_in[start + x] - centroid
+        radial += wp.dot(f, out) / wp.max(wp.length(out), SMALL)
     mean /= float(n)
     power_out[r] = power / float(n)
     low_out[3 * rings + r] = step[k, 2] * spine_force_in[r]
