@@ -149,27 +149,6 @@ def blind(eye: projection.Eye, a: wp.vec3, b: wp.vec3, sigma: float):
 
 
 @wp.func
-def along_ring(v: wp.array[wp.vec3], normal: wp.array[wp.vec3], facing: wp.array[float], start: int, x: int, n: int):
-    """Crossing on the edge of a ring from x to x + 1."""
-    before, after = start + elastic.wrap(x - 1, n), start + elastic.wrap(x + 2, n)
-    return crossing(v, normal, facing, before, start + x, start + elastic.wrap(x + 1, n), after)
-
-
-@wp.func
-def along_meridian(
-    v: wp.array[wp.vec3], normal: wp.array[wp.vec3], facing: wp.array[float], at: int, n: int, s: int, first: int, last: int
-):
-    """Crossing on the edge of a meridian from s to s + 1, by the rings first to last."""
-    before = int(-1)
-    after = int(-1)
-    if s > first:
-        before = at - n
-    if s + 1 < last:
-        after = at + 2 * n
-    return crossing(v, normal, facing, before, at, at + n, after)
-
-
-@wp.func
 def scatter(force: wp.array[wp.vec3], c: Crossing, f: wp.vec3):
     """Adds f to the four nodes of a crossing by their weights."""
     wp.atomic_add(force, c.n0, c.weight[0] * f)
@@ -255,18 +234,15 @@ def along_edge(
     edge: int,
 ):
     """Crossing on one edge of the cell of node x: 0 of the ring at `start`, 2 of the ring above, 3 and 1 from x, x + 1."""
-    c = Crossing()
-    if edge == 0 or edge == 2:
-        ring = start
-        if edge == 2:
-            ring += n
-        c = along_ring(v, normal, facing, ring, x, n)
-    else:
-        at = start + x
-        if edge == 1:
-            at = start + elastic.wrap(x + 1, n)
-        c = along_meridian(v, normal, facing, at, n, s, first, last)
-    return c
+    x1 = elastic.wrap(x + 1, n)
+    ring = start + wp.where(edge == 2, n, 0)
+    at = start + wp.where(edge == 1, x1, x)
+    flat = edge == 0 or edge == 2
+    before = wp.where(flat, ring + elastic.wrap(x - 1, n), wp.where(s > first, at - n, -1))
+    after = wp.where(flat, ring + elastic.wrap(x + 2, n), wp.where(s + 1 < last, at + 2 * n, -1))
+    low = wp.where(flat, ring + x, at)
+    high = wp.where(flat, ring + x1, at + n)
+    return crossing(v, normal, facing, before, low, high, after)
 
 
 @wp.func
@@ -361,6 +337,8 @@ def contour_force(
     last = ring_last[r]
     # a line load along s as a load per hx hs
     density = float(n) * float(ns - 1) * spread[r]
+    eye = eyes[view]
+    field = fields[k]
     low = facing_in[start] >= 0.0
     high = facing_in[start + n] >= 0.0
     for x in range(n):
@@ -370,6 +348,6 @@ def contour_force(
         high = facing_in[start + n + elastic.wrap(x + 1, n)] >= 0.0
         if here_low != low or here_low != here_high or here_low != high:
             cell_force(
-                eyes[view], fields[k], samples, tube_in, normal_in, facing_in, start, x, n, s, first, last,
+                eye, field, samples, tube_in, normal_in, facing_in, start, x, n, s, first, last,
                 density, literal, force_out,
             )  # fmt: skip

@@ -22,6 +22,7 @@ def split_modes(
     # state in
     tube_in: wp.array[wp.vec3],
     centroid_in: wp.array[wp.vec3],
+    radius_in: wp.array[float],
     force_in: wp.array[wp.vec3],
     spine_force_in: wp.array[wp.vec3],
     velocity_in: wp.array[wp.vec3],
@@ -57,8 +58,7 @@ def split_modes(
         power += wp.dot(f, velocity_in[start + x])
         cosine += wave[0] * f
         sine += wave[1] * f
-        out = tube_in[start + x] - centroid
-        radial += wp.dot(f, out) / wp.max(wp.length(out), SMALL)
+        radial += wp.dot(f, tube_in[start + x] - centroid)
     mean /= float(n)
     power_out[r] = power / float(n)
     low_out[3 * rings + r] = step[k, 2] * spine_force_in[r]
@@ -71,7 +71,8 @@ def split_modes(
             delta_out[start + x] = wp.vec3(0.0)
         return
     # the other modes relax within a few steps, down to the rounding of float32
-    residual_out[r] = wp.dot(mean, mean) + radial * radial / float(n * n)
+    radial /= float(n) * wp.max(radius_in[r], SMALL)
+    residual_out[r] = wp.dot(mean, mean) + radial * radial
     cosine *= 2.0 / float(n)
     sine *= 2.0 / float(n)
     first = slow / (1.0 + slow * first_mode[r])
