@@ -1,11 +1,8 @@
-"""Normals, i.n, the occluding contour and the image force on it: the paper's switch (12) and the sub-node contour."""
+"""Normals, i.n of (12), and the image force on the occluding contour between the nodes."""
 
 import warp as wp
 
 from . import elastic, image, projection
-
-AT_NODES = wp.constant(25.0)
-"""Gain of a force density at nodes over that of a line load: makes (12) as strong as `sim.assembly.LINE_LOAD` at 25 x 25."""
 
 CORNER = wp.constant(3.0)
 """How far from the corners of a cut the smoothed image tells its sides, in smoothing scales."""
@@ -25,39 +22,28 @@ class Crossing:
 
 
 @wp.func
-def surface_normal(
-    v: wp.array[wp.vec3],
-    start: int,
-    x: int,
-    n: int,
-    s: int,
-    first: int,
-    last: int,
-    closed: int,
-):
-    """n(x, s) below (12), outward, by differences within rings first to last; at a closed end that of the ring beside it."""
-    if closed != 0:
-        # a pole all but lies in the plane of a flat end: the way to it from there is rounding, and says nothing
-        beside = start + n
-        if s > 0:
-            beside = start - n
-        area = wp.vec3(0.0)
-        here = v[beside + n - 1] - v[start]
-        for j in range(n):
-            after = v[beside + j] - v[start]
-            area += wp.cross(here, after)
-            here = after
-        if s > 0:
-            return wp.normalize(area)
-        return -wp.normalize(area)
-    dx = v[start + elastic.wrap(x + 1, n)] - v[start + elastic.wrap(x - 1, n)]
-    lo = start + x
-    hi = start + x
-    if s > first:
-        lo -= n
-    if s < last:
-        hi += n
-    return wp.normalize(wp.cross(dx, v[hi] - v[lo]))
+def unit(v: wp.vec3):
+    """v / |v|, zero where v is."""
+    length = wp.length(v)
+    return wp.where(length > 0.0, 1.0 / length, 0.0) * v
+
+
+@wp.func
+def cap_normal(v: wp.array[wp.vec3], start: int, n: int, s: int):
+    """n of (12) at a closed end, outward: that of the ring beside it."""
+    # a pole all but lies in the plane of a flat end: the way to it from there is rounding, and says nothing
+    beside = start + n
+    if s > 0:
+        beside = start - n
+    area = wp.vec3(0.0)
+    here = v[beside + n - 1] - v[start]
+    for j in range(n):
+        after = v[beside + j] - v[start]
+        area += wp.cross(here, after)
+        here = after
+    if s > 0:
+        return unit(area)
+    return -unit(area)
 
 
 @wp.kernel(enable_backward=False)
@@ -86,14 +72,28 @@ def normals(
     n = tube_nx[ring_tube[r]]
     s = ring_s[r]
     eye = eyes[view]
-    m = wp.vec3(0.0)
+    if ring_closed[r] != 0:
+        m = cap_normal(tube_in, start, n, s)
+        for x in range(n):
+            normal_out[start + x] = m
+            facing_out[start + x] = wp.dot(projection.sight(eye, tube_in[start + x]), m)
+        return
+    # differences within what is in one piece
+    south = n * wp.min(s - ring_first[r], 1)
+    north = n * wp.min(ring_last[r] - s, 1)
+    centroid = centroid_in[r]
+    west = tube_in[start + n - 1]
+    here = tube_in[start]
     for x in range(n):
-        if x == 0 or ring_closed[r] == 0:
-            m = surface_normal(tube_in, start, x, n, s, ring_first[r], ring_last[r], ring_closed[r])
-        if ring_closed[r] == 0 and wp.dot(m, tube_in[start + x] - centroid_in[r]) < 0.0:
+        i = start + x
+        east = tube_in[start + elastic.wrap(x + 1, n)]
+        m = unit(wp.cross(east - west, tube_in[i + north] - tube_in[i - south]))
+        if wp.dot(m, here - centroid) < 0.0:
             m = -m
-        normal_out[start + x] = m
-        facing_out[start + x] = wp.dot(projection.sight(eye, tube_in[start + x]), m)
+        normal_out[i] = m
+        facing_out[i] = wp.dot(projection.sight(eye, here), m)
+        west = here
+        here = east
 
 
 @wp.func
@@ -149,27 +149,6 @@ def blind(eye: projection.Eye, a: wp.vec3, b: wp.vec3, sigma: float):
 
 
 @wp.func
-def along_ring(v: wp.array[wp.vec3], normal: wp.array[wp.vec3], facing: wp.array[float], start: int, x: int, n: int):
-    """Crossing on the edge of a ring from x to x + 1."""
-    before, after = start + elastic.wrap(x - 1, n), start + elastic.wrap(x + 2, n)
-    return crossing(v, normal, facing, before, start + x, start + elastic.wrap(x + 1, n), after)
-
-
-@wp.func
-def along_meridian(
-    v: wp.array[wp.vec3], normal: wp.array[wp.vec3], facing: wp.array[float], at: int, n: int, s: int, first: int, last: int
-):
-    """Crossing on the edge of a meridian from s to s + 1, by the rings first to last."""
-    before = int(-1)
-    after = int(-1)
-    if s > first:
-        before = at - n
-    if s + 1 < last:
-        after = at + 2 * n
-    return crossing(v, normal, facing, before, at, at + n, after)
-
-
-@wp.func
 def scatter(force: wp.array[wp.vec3], c: Crossing, f: wp.vec3):
     """Adds f to the four nodes of a crossing by their weights."""
     wp.atomic_add(force, c.n0, c.weight[0] * f)
@@ -218,10 +197,14 @@ def segment(
     length = wp.length(e)
     if length < 1.0e-6:
         return
-    m = wp.vec2(e[1], -e[0]) / length
+    m = 1.0 / length * wp.vec2(e[1], -e[0])
+    d = projection.depth(eye, a.position)
     outward = a.normal + b.normal
-    ahead = projection.project(eye, a.position + 1.0e-3 * outward)
-    if wp.dot(m, ahead - p) < 0.0:
+    ahead = wp.vec2(
+        wp.dot(projection.jacobian_row(eye.row0, eye.row2, p[0], d), outward),
+        wp.dot(projection.jacobian_row(eye.row1, eye.row2, p[1], d), outward),
+    )
+    if wp.dot(m, ahead) < 0.0:
         m = -m
     part = image.seen(field, p, q)
     if part[0] >= part[1] or (part[0] == 0.0 and part[1] == 1.0):
@@ -235,6 +218,31 @@ def segment(
             f = density * pull(eye, field, samples, a, (1.0 - t) * p + t * q, m, half, literal)
             scatter(force, a, (1.0 - t) * f)
             scatter(force, b, t * f)
+
+
+@wp.func
+def along_edge(
+    v: wp.array[wp.vec3],
+    normal: wp.array[wp.vec3],
+    facing: wp.array[float],
+    start: int,
+    x: int,
+    n: int,
+    s: int,
+    first: int,
+    last: int,
+    edge: int,
+):
+    """Crossing on one edge of the cell of node x: 0 of the ring at `start`, 2 of the ring above, 3 and 1 from x, x + 1."""
+    x1 = elastic.wrap(x + 1, n)
+    ring = start + wp.where(edge == 2, n, 0)
+    at = start + wp.where(edge == 1, x1, x)
+    flat = edge == 0 or edge == 2
+    before = wp.where(flat, ring + elastic.wrap(x - 1, n), wp.where(s > first, at - n, -1))
+    after = wp.where(flat, ring + elastic.wrap(x + 2, n), wp.where(s + 1 < last, at + 2 * n, -1))
+    low = wp.where(flat, ring + x, at)
+    high = wp.where(flat, ring + x1, at + n)
+    return crossing(v, normal, facing, before, low, high, after)
 
 
 @wp.func
@@ -262,39 +270,30 @@ def cell_force(
     g10 = facing[i10] >= 0.0
     g01 = facing[i + n] >= 0.0
     g11 = facing[i10 + n] >= 0.0
-    bottom = Crossing()
-    top = Crossing()
-    left = Crossing()
-    right = Crossing()
+    # the two edges that the contour crosses, in the order 0, 3, 2, 1
+    a = int(2)
     if g00 != g10:
-        bottom = along_ring(tube, normal, facing, start, x, n)
-    if g01 != g11:
-        top = along_ring(tube, normal, facing, start + n, x, n)
-    if g00 != g01:
-        left = along_meridian(tube, normal, facing, i, n, s, first, last)
-    if g10 != g11:
-        right = along_meridian(tube, normal, facing, i10, n, s, first, last)
+        a = 0
+    elif g00 != g01:
+        a = 3
+    b = int(1)
+    if a != 2 and g01 != g11:
+        b = 2
+    if a == 0 and g01 == g11 and g00 != g01:
+        b = 3
+    pieces = int(1)
     if g00 != g10 and g01 != g11 and g00 != g01:
         # a saddle: the sign at the cell's middle says which corners are cut off
-        middle = facing[i] + facing[i10] + facing[i + n] + facing[i10 + n] >= 0.0
-        if middle == g00:
-            segment(eye, field, samples, bottom, right, density, literal, force)
-            segment(eye, field, samples, top, left, density, literal, force)
-        else:
-            segment(eye, field, samples, bottom, left, density, literal, force)
-            segment(eye, field, samples, top, right, density, literal, force)
-    elif g00 != g10 and g01 != g11:
-        segment(eye, field, samples, bottom, top, density, literal, force)
-    elif g00 != g01 and g10 != g11:
-        segment(eye, field, samples, left, right, density, literal, force)
-    elif g00 != g10 and g00 != g01:
-        segment(eye, field, samples, bottom, left, density, literal, force)
-    elif g00 != g10:
-        segment(eye, field, samples, bottom, right, density, literal, force)
-    elif g00 != g01:
-        segment(eye, field, samples, left, top, density, literal, force)
-    else:
-        segment(eye, field, samples, top, right, density, literal, force)
+        pieces = 2
+        b = 3
+        if (facing[i] + facing[i10] + facing[i + n] + facing[i10 + n] >= 0.0) == g00:
+            b = 1
+    for _piece in range(pieces):
+        near = along_edge(tube, normal, facing, start, x, n, s, first, last, a)
+        far = along_edge(tube, normal, facing, start, x, n, s, first, last, b)
+        segment(eye, field, samples, near, far, density, literal, force)
+        a = 2
+        b = 4 - b
 
 
 @wp.kernel(enable_backward=False)
@@ -338,6 +337,8 @@ def contour_force(
     last = ring_last[r]
     # a line load along s as a load per hx hs
     density = float(n) * float(ns - 1) * spread[r]
+    eye = eyes[view]
+    field = fields[k]
     low = facing_in[start] >= 0.0
     high = facing_in[start + n] >= 0.0
     for x in range(n):
@@ -347,46 +348,6 @@ def contour_force(
         high = facing_in[start + n + elastic.wrap(x + 1, n)] >= 0.0
         if here_low != low or here_low != here_high or here_low != high:
             cell_force(
-                eyes[view], fields[k], samples, tube_in, normal_in, facing_in, start, x, n, s, first, last,
+                eye, field, samples, tube_in, normal_in, facing_in, start, x, n, s, first, last,
                 density, literal, force_out,
             )  # fmt: skip
-
-
-@wp.kernel(enable_backward=False)
-def switch_force(
-    # model
-    node_ring: wp.array[int],
-    ring_tube: wp.array[int],
-    eyes: wp.array[projection.Eye],
-    fields: wp.array[image.Field],
-    samples: wp.array[wp.vec4],
-    spread: wp.array[wp.mat33],
-    # state in
-    tube_in: wp.array[wp.vec3],
-    normal_in: wp.array[wp.vec3],
-    facing_in: wp.array[float],
-    # scalars
-    view: int,
-    literal: int,
-    tau: float,
-    # out
-    force_out: wp.array[wp.vec3],
-):
-    """Adds the image force (11) by the paper's switch (12): beta is 1 at nodes where |i.n| < tau, else 0."""
-    i = wp.tid()
-    if wp.abs(facing_in[i]) >= tau:
-        return
-    eye = eyes[view]
-    field = fields[ring_tube[node_ring[i]]]
-    v = tube_in[i]
-    p = projection.project(eye, v)
-    d = projection.depth(eye, v)
-    j0 = projection.jacobian_row(eye.row0, eye.row2, p[0], d)
-    j1 = projection.jacobian_row(eye.row1, eye.row2, p[1], d)
-    value = image.sample(samples, field, p)
-    if literal != 0:
-        f = image.chain(j0, j1, wp.vec2(value[0], value[1]))
-    else:
-        m = wp.vec2(wp.dot(j0, normal_in[i]), wp.dot(j1, normal_in[i]))
-        f = image.lift(j0, j1, image.normal_pull(value, wp.normalize(m)))
-    wp.atomic_add(force_out, i, AT_NODES * field.gain * (spread[node_ring[i]] * f))

@@ -9,6 +9,8 @@ Coupling = wp.types.vector(length=8, dtype=float)
 SMALL = wp.constant(1.0e-9)
 WINDOW = wp.constant(20)
 """Segments of the spine either side that a ring's tangent looks at."""
+SHORTEST = wp.constant(0.5)
+"""Length of a segment of the spine, in mean initial ones, below which a ring's tangent counts for less."""
 THINNEST = wp.constant(0.004)
 """Radius below which a ring pushes itself open, in units of the initial length of the spine."""
 
@@ -34,15 +36,15 @@ def attract(strength: float, target: wp.vec3, position: wp.vec3):
 
 
 @wp.func
-def symmetry(b: float, mean_radius: float, r: wp.vec3):
-    """f_b of (8), b (rbar - |r|) r/|r|."""
-    return b * (mean_radius - wp.length(r)) / wp.max(wp.length(r), SMALL) * r
+def symmetry(b: float, mean_radius: float, length: float):
+    """f_b of (8), b (rbar - |r|) r/|r|, over r."""
+    return b * (mean_radius - length) / wp.max(length, SMALL)
 
 
 @wp.func
-def expansion(c: float, r: wp.vec3, floor: float):
-    """f_c of (9), c r/|r|, linear within `floor` of the spine so that a cinched end stays regular."""
-    return c / wp.max(wp.length(r), wp.max(floor, SMALL)) * r
+def expansion(c: float, length: float, floor: float):
+    """f_c of (9), c r/|r|, over r; linear within `floor` of the spine so that a cinched end stays regular."""
+    return c / wp.max(length, wp.max(floor, SMALL))
 
 
 @wp.func
@@ -56,38 +58,6 @@ def centre_pole(pole: wp.vec3, neighbour: wp.vec3, gap: float):
     """Spring of natural length `gap`, the mean over the meridians: their sum holds a pole in the middle of its cap."""
     e = neighbour - pole
     return e - gap * unit(e)
-
-
-@wp.func
-def upright_spine(
-    d: float,
-    far: wp.array2d[float],
-    tilt: wp.array[wp.vec3],
-    first: wp.array[int],
-    last: wp.array[int],
-    r: int,
-    s: int,
-    ns: int,
-):
-    """What `upright` does to spine node s: the other half of the gradient of d/2 mean ((T - c).t)^2.
-
-    Ring q looks from `first[q]` to `last[q]`, as far as the spine is in one piece.
-    """
-    f = wp.vec3(0.0)
-    for j in range(WINDOW):
-        if s - j - 1 >= 0:
-            if s <= last[r - j - 1]:
-                f -= far[r - j - 1, j] * tilt[r - j - 1]
-        if s + j < ns:
-            if s > first[r + j]:
-                f -= far[r + j, j] * tilt[r + j]
-        if s - j >= 0:
-            if s < last[r - j]:
-                f += far[r - j, j] * tilt[r - j]
-        if s + j + 1 < ns:
-            if s >= first[r + j + 1]:
-                f += far[r + j + 1, j] * tilt[r + j + 1]
-    return d * f
 
 
 @wp.func
@@ -110,6 +80,7 @@ def ring_means(
     look_first: wp.array[int],
     look_last: wp.array[int],
     ring_far: wp.array2d[float],
+    coupling: wp.array[Coupling],
     # state in
     tube_in: wp.array[wp.vec3],
     spine_in: wp.array[wp.vec3],
@@ -117,13 +88,18 @@ def ring_means(
     centroid_out: wp.array[wp.vec3],
     radius_out: wp.array[float],
     gap_out: wp.array[float],
+    edge_out: wp.array[float],
     tangent_out: wp.array[wp.vec3],
+    known_out: wp.array[float],
     tilt_out: wp.array[wp.vec3],
 ):
     """Sets centroid and mean radius of each ring (below fig. 7), mean distance to the next ring, spine tangent, tilt.
 
+    And one over the length of each node's edge to the next ring.
+
     The tangent looks `WINDOW` segments either way as far as the spine is in one piece, the j-th with importance
-    `ring_far[., j]`: far ones count where near ones vanish, as they do under a flat end.
+    `ring_far[., j]`: far ones count where near ones vanish, as they do under a flat end. Where all do, it counts for less,
+    `known_out` times: a spine of no length has no direction.
     """
     r = wp.tid()
     k = ring_tube[r]
@@ -146,7 +122,9 @@ def ring_means(
         moment += w * (here - centre)
         reach += w * wp.length(here - centre)
         if s < last:
-            gap += wp.length(tube_in[start + n + x] - here)
+            edge = wp.length(tube_in[start + n + x] - here)
+            gap += edge
+            edge_out[start + x] = 1.0 / wp.max(edge, SMALL)
         behind = ahead
         here = after
     centroid = centre + moment / around
@@ -159,14 +137,53 @@ def ring_means(
             along += ring_far[r, j] * (spine_in[r + j + 1] - spine_in[r + j])
         if s - j > look_first[r]:
             along += ring_far[r, j] * (spine_in[r - j] - spine_in[r - j - 1])
+    least = SHORTEST / float(last)
+    if look_first[r] < s and s < look_last[r]:
+        least *= 2.0
+    size = wp.length(along)
+    known = wp.min(size / least, 1.0)
     t = unit(along)
     tilt = wp.vec3(0.0)
     for x in range(n):
         e = tube_in[start + x] - centroid
         tilt += wp.dot(e, t) * e
-    tilt = (tilt - wp.dot(tilt, t) * t) / float(n)
+    if known == 1.0:
+        tilt -= wp.dot(tilt, t) * t
     tangent_out[r] = t
-    tilt_out[r] = end_mass(s, last + 1) * tilt / wp.max(wp.length(along), 1.0 / float(last))
+    known_out[r] = known
+    tilt_out[r] = coupling[r][5] * end_mass(s, last + 1) * known / (float(n) * wp.max(size, least)) * tilt
+
+
+@wp.kernel(enable_backward=False)
+def upright_spine(
+    # model
+    ring_tube: wp.array[int],
+    ring_s: wp.array[int],
+    tube_ns: wp.array[int],
+    look_first: wp.array[int],
+    look_last: wp.array[int],
+    ring_far: wp.array2d[float],
+    # state in
+    tilt_in: wp.array[wp.vec3],
+    # out
+    moment_out: wp.array[wp.vec3],
+):
+    """Sets what `upright` does to each segment of the spine: minus the gradient of d/2 mean ((T - c).t)^2 by it.
+
+    t is times `known`. Ring q looks from `look_first[q]` to `look_last[q]`, as far as the spine is in one piece.
+    """
+    r = wp.tid()
+    s = ring_s[r]
+    left = tube_ns[ring_tube[r]] - s
+    f = wp.vec3(0.0)
+    for j in range(WINDOW):
+        if j <= s:
+            if s < look_last[r - j]:
+                f -= ring_far[r - j, j] * tilt_in[r - j]
+        if j + 1 < left:
+            if s >= look_first[r + j + 1]:
+                f -= ring_far[r + j + 1, j] * tilt_in[r + j + 1]
+    moment_out[r] = f
 
 
 @wp.kernel(enable_backward=False)
@@ -209,10 +226,7 @@ def tube_force(
     tube_nx: wp.array[int],
     tube_ns: wp.array[int],
     ring_closed: wp.array[int],
-    w10: wp.array[float],
     w20: wp.array[float],
-    w11: wp.array[float],
-    w01: wp.array[float],
     w02: wp.array[float],
     coupling: wp.array[Coupling],
     depth_rest: wp.array[float],
@@ -224,14 +238,14 @@ def tube_force(
     centroid_in: wp.array[wp.vec3],
     radius_in: wp.array[float],
     gap_in: wp.array[float],
+    edge_in: wp.array[float],
     tangent_in: wp.array[wp.vec3],
+    known_in: wp.array[float],
     tension_in: wp.array[float],
-    # scalars
-    twisted: int,
     # out
     force_out: wp.array[wp.vec3],
 ):
-    """Sets the intrinsic force on each ring's nodes: (5), f_a, f_b, f_c of (10) and ours.
+    """Sets the intrinsic force on each ring's nodes: (5) but for `shape.tense_sheet`, f_a, f_b, f_c of (10) and ours.
 
     Ours are upright rings, centred poles, the hold of depth, rings held along the surface.
     Forces are loads per hx hs, so end nodes, which own half a cell, carry half.
@@ -242,13 +256,13 @@ def tube_force(
     ns = tube_ns[k]
     s = ring_s[r]
     start = ring_node[r]
-    hx = 1.0 / float(n)
-    hs = 1.0 / float(ns - 1)
+    per_hx = float(n)
+    per_hs = float(ns - 1)
     mass = end_mass(s, ns)
     spine = spine_in[r]
     centroid = centroid_in[r]
     radius = radius_in[r]
-    tangent = tangent_in[r]
+    tangent = known_in[r] * tangent_in[r]
     weight = coupling[r]
     even = mass * (attract(weight[1], spine, centroid) + hold_depth(weight[7], depth_rest[r], eyes[0], centroid))
     # a ring must not shrink through a point
@@ -271,41 +285,41 @@ def tube_force(
     held_behind = float(0.0)
     if s > 0:
         held_behind = tension_in[r - 1]
-    t1 = 1.0 / (hx * hx)
-    t2 = t1 * t1
-    # as `elastic.ring_force`, but each edge's pull and each node's moment is carried on to the nodes that share it
+    reach = elastic.line_reach(n, s, ns)
+    rows = elastic.line_rows(s, ns, 1.0 / per_hs)
+    # as `elastic.ring_force`, but each node's moment is carried on to the nodes that share it
+    t2 = own * per_hx * per_hx * per_hx * per_hx
     behind = tube_in[start + n - 1]
     v = tube_in[start]
     ahead = tube_in[start + 1]
-    pull = t1 * w10[start + n - 1] * (v - behind)
     moment0 = t2 * w20[start + n - 1] * elastic.bend(tube_in[start + n - 2], behind, v)
     moment1 = t2 * w20[start] * elastic.bend(behind, v, ahead)
     for x in range(n):
         i = start + x
         beyond = tube_in[start + elastic.wrap(x + 2, n)]
-        pull_ahead = t1 * w10[i] * (ahead - v)
         moment2 = t2 * w20[start + elastic.wrap(x + 1, n)] * elastic.bend(v, ahead, beyond)
-        f = pull_ahead - pull - elastic.bend(moment0, moment1, moment2)
-        f += symmetry(weight[2], radius, v - spine) + expansion(weight[3], v - spine, 0.1 * radius)
+        south = tube_in[i - reach[0]]
+        north = tube_in[i + reach[2]]
+        f = even - elastic.bend(moment0, moment1, moment2)
+        arm = v - spine
+        long = wp.length(arm)
+        out = symmetry(weight[2], radius, long)
+        if weight[3] != 0.0:
+            out += expansion(weight[3], long, 0.1 * radius)
         # from the centroid, as the contraction that it cancels: from the spine it would push rings along it
-        f += swell * unit(v - centroid) + upright(weight[5], v - centroid, tangent)
-        f = even + own * f + elastic.line_force(tube_in, w01, w02, i, n, s, ns, hs)
+        f += own * (out * arm + swell * unit(v - centroid) + upright(weight[5], v - centroid, tangent))
+        f += elastic.line_rigidity(tube_in, w02, i, south, v, north, reach, rows)
         if held_behind > 0.0:
-            e = tube_in[i - n] - v
-            f += (edge_hold[i - n] - held_behind / wp.max(wp.length(e), SMALL)) / hs * e
+            f += per_hs * (edge_hold[i - n] - held_behind * edge_in[i - n]) * (south - v)
         if held_ahead > 0.0:
-            e = tube_in[i + n] - v
-            f += (edge_hold[i] - held_ahead / wp.max(wp.length(e), SMALL)) / hs * e
+            f += per_hs * (edge_hold[i] - held_ahead * edge_in[i]) * (north - v)
         if before != 0.0:
-            f += before * centre_pole(v, tube_in[i - n], gap_in[r - 1])
+            f += before * centre_pole(v, south, gap_in[r - 1])
         if after != 0.0:
-            f += after * centre_pole(v, tube_in[i + n], gap_in[r])
-        if twisted != 0:
-            f += elastic.twist_force(tube_in, w11, start, x, n, s, ns, hx, hs)
+            f += after * centre_pole(v, north, gap_in[r])
         force_out[i] = f
         v = ahead
         ahead = beyond
-        pull = pull_ahead
         moment0 = moment1
         moment1 = moment2
 
@@ -316,9 +330,6 @@ def spine_force(
     ring_tube: wp.array[int],
     ring_s: wp.array[int],
     tube_ns: wp.array[int],
-    look_first: wp.array[int],
-    look_last: wp.array[int],
-    ring_far: wp.array2d[float],
     w1: wp.array[float],
     w2: wp.array[float],
     coupling: wp.array[Coupling],
@@ -329,7 +340,7 @@ def spine_force(
     natural_in: wp.array[wp.vec3],
     tension_in: wp.array[wp.vec3],
     centroid_in: wp.array[wp.vec3],
-    tilt_in: wp.array[wp.vec3],
+    moment_in: wp.array[wp.vec3],
     # out
     force_out: wp.array[wp.vec3],
 ):
@@ -340,10 +351,9 @@ def spine_force(
     h = 1.0 / float(ns - 1)
     f = elastic.line_force(spine_in, w1, w2, r, 1, ring_s[r], ns, h)
     f += elastic.bent_force(spine_in, natural_in, w2, r, ring_s[r], ns, h)
-    f += tension_in[r]
+    f += tension_in[r] - moment_in[r]
     if ring_s[r] > 0:
-        f -= tension_in[r - 1]
-    f += upright_spine(weight[5], ring_far, tilt_in, look_first, look_last, r, ring_s[r], ns)
+        f += moment_in[r - 1] - tension_in[r - 1]
     mass = end_mass(ring_s[r], ns)
     f += mass * hold_depth(weight[7], depth_rest[r], eyes[0], spine_in[r])
     force_out[r] = f + mass * attract(weight[0], centroid_in[r], spine_in[r])

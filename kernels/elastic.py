@@ -26,6 +26,39 @@ def wrap(x: int, n: int):
 
 
 @wp.func
+def line_reach(stride: int, i: int, n: int):
+    """From node `i` of an open line back to the first and second node before it, ahead to those after; 0 beyond an end."""
+    return wp.vec4i(
+        stride * wp.min(i, 1), stride * wp.min(i, 2), stride * wp.min(n - 1 - i, 1), stride * wp.min(n - 1 - i, 2)
+    )
+
+
+@wp.func
+def line_rows(i: int, n: int, h: float):
+    """h^-4 for each of the three second differences that node `i` of an open line takes part in, 0 where there is none."""
+    t = 1.0 / (h * h * h * h)
+    return wp.vec3(wp.where(i > 1, t, 0.0), wp.where(i > 0 and i < n - 1, t, 0.0), wp.where(i < n - 2, t, 0.0))
+
+
+@wp.func
+def line_rigidity(
+    v: wp.array[wp.vec3],
+    rigidity: wp.array[float],
+    at: int,
+    before: wp.vec3,
+    here: wp.vec3,
+    after: wp.vec3,
+    reach: wp.vec4i,
+    rows: wp.vec3,
+):
+    """Rigidity's part of `line_force`, by `line_reach` and `line_rows` of the node."""
+    f = 2.0 * rows[1] * rigidity[at] * bend(before, here, after)
+    f -= rows[0] * rigidity[at - reach[0]] * bend(v[at - reach[1]], before, here)
+    f -= rows[2] * rigidity[at + reach[2]] * bend(here, after, v[at + reach[3]])
+    return f
+
+
+@wp.func
 def line_force(
     v: wp.array[wp.vec3],
     tension: wp.array[float],
@@ -40,20 +73,11 @@ def line_force(
 
     `tension[k]` belongs to the edge from k to its successor, `rigidity[k]` to node k.
     """
-    t1 = 1.0 / (h * h)
-    t2 = t1 * t1
-    # beyond an end stands the end's own node, so that edges there have no tension
-    j1 = at - stride * wp.min(i, 1)
-    j2 = at - stride * wp.min(i, 2)
-    k1 = at + stride * wp.min(n - 1 - i, 1)
-    k2 = at + stride * wp.min(n - 1 - i, 2)
-    here = wp.where(i > 0 and i < n - 1, t2, 0.0)
-    p = v[at]
-    f = t1 * (tension[j1] * (v[j1] - p) + tension[at] * (v[k1] - p))
-    f -= wp.where(i > 1, t2, 0.0) * rigidity[j1] * bend(v[j2], v[j1], p)
-    f += 2.0 * here * rigidity[at] * bend(v[j1], p, v[k1])
-    f -= wp.where(i < n - 2, t2, 0.0) * rigidity[k1] * bend(p, v[k1], v[k2])
-    return f
+    reach = line_reach(stride, i, n)
+    before = v[at - reach[0]]
+    after = v[at + reach[2]]
+    f = (tension[at - reach[0]] * (before - v[at]) + tension[at] * (after - v[at])) / (h * h)
+    return f + line_rigidity(v, rigidity, at, before, v[at], after, reach, line_rows(i, n, h))
 
 
 @wp.func
@@ -242,111 +266,3 @@ def relax_spine(
         begin = last
         if last < n - 1:
             begin = spine_first[start + last + 1]
-
-
-@wp.func
-def add_turn(force: wp.array[wp.vec3], x0: int, x1: int, s0: int, s1: int, dx: wp.vec3, ds: wp.vec3, m: wp.vec3):
-    """Adds minus the gradient of m.(dx x ds), m held, to the nodes of dx = v[x1] - v[x0] and ds = v[s1] - v[s0]."""
-    fx = wp.cross(ds, m)
-    fs = wp.cross(m, dx)
-    wp.atomic_sub(force, x1, fx)
-    wp.atomic_add(force, x0, fx)
-    wp.atomic_sub(force, s1, fs)
-    wp.atomic_add(force, s0, fs)
-
-
-@wp.kernel(enable_backward=False)
-def shape_sheet(
-    # model
-    node_ring: wp.array[int],
-    ring_tube: wp.array[int],
-    ring_node: wp.array[int],
-    ring_s: wp.array[int],
-    tube_nx: wp.array[int],
-    tube_ns: wp.array[int],
-    ring_closed: wp.array[int],
-    ring_first: wp.array[int],
-    ring_last: wp.array[int],
-    w20: wp.array[float],
-    w11: wp.array[float],
-    w02: wp.array[float],
-    stretch10: wp.array[wp.vec3],
-    stretch01: wp.array[wp.vec3],
-    curvature: wp.array[wp.vec3],
-    # state in
-    tube_in: wp.array[wp.vec3],
-    # out
-    force_out: wp.array[wp.vec3],
-):
-    """Adds what natural lengths and curvatures add to minus (5) (section 3): half the gradient of their energies.
-
-    Lengths as in `stretch`. Curvatures on the outward normal n of (12), which turns with the sheet: w20 |v_xx + C20 n|^2
-    + 2 w11 |v_xs + C11 n|^2 + w02 |v_ss + C02 n|^2, less its part without C, which is (3) itself.
-    """
-    i = wp.tid()
-    r = node_ring[i]
-    k = ring_tube[r]
-    n = tube_nx[k]
-    ns = tube_ns[k]
-    s = ring_s[r]
-    start = ring_node[r]
-    x = i - start
-    hx = 1.0 / float(n)
-    hs = 1.0 / float(ns - 1)
-    mass = float(1.0)
-    if s == 0 or s == ns - 1:
-        mass = 0.5
-    west = start + (x + n - 1) % n
-    east = start + (x + 1) % n
-    v = tube_in[i]
-    if ring_closed[r] == 0:
-        f = mass * stretch(tube_in[east] - v, hx, stretch10[i])
-        wp.atomic_add(force_out, i, f)
-        wp.atomic_sub(force_out, east, f)
-    if s < ns - 1:
-        f = stretch(tube_in[i + n] - v, hs, stretch01[i])
-        wp.atomic_add(force_out, i, f)
-        wp.atomic_sub(force_out, i + n, f)
-    natural = curvature[i]
-    if ring_closed[r] == 0 and (natural[0] != 0.0 or natural[2] != 0.0):
-        south = i
-        north = i
-        if s > ring_first[r]:
-            south -= n
-        if s < ring_last[r]:
-            north += n
-        dx = tube_in[east] - tube_in[west]
-        ds = tube_in[north] - tube_in[south]
-        cross = wp.cross(dx, ds)
-        size = wp.max(wp.length(cross), TINY)
-        normal = cross / size
-        load = mass * w20[i] * natural[0] / (hx * hx)
-        q = load * bend(tube_in[west], v, tube_in[east])
-        wp.atomic_sub(force_out, west, load * normal)
-        wp.atomic_add(force_out, i, 2.0 * load * normal)
-        wp.atomic_sub(force_out, east, load * normal)
-        if s > 0 and s < ns - 1:
-            load = w02[i] * natural[2] / (hs * hs)
-            q += load * bend(tube_in[i - n], v, tube_in[i + n])
-            wp.atomic_sub(force_out, i - n, load * normal)
-            wp.atomic_add(force_out, i, 2.0 * load * normal)
-            wp.atomic_sub(force_out, i + n, load * normal)
-        add_turn(force_out, west, east, south, north, dx, ds, (q - wp.dot(q, normal) * normal) / size)
-    if s < ns - 1 and natural[1] != 0.0:
-        a = tube_in[east] - v
-        b = tube_in[i + n] - v
-        corner = tube_in[east + n]
-        dx = 0.5 * (a + corner - tube_in[i + n])
-        ds = 0.5 * (b + corner - tube_in[east])
-        cross = wp.cross(dx, ds)
-        size = wp.max(wp.length(cross), TINY)
-        normal = cross / size
-        load = 2.0 * w11[i] * natural[1] / (hx * hs)
-        q = load * (corner - tube_in[east] - b)
-        wp.atomic_sub(force_out, east + n, load * normal)
-        wp.atomic_add(force_out, east, load * normal)
-        wp.atomic_add(force_out, i + n, load * normal)
-        wp.atomic_sub(force_out, i, load * normal)
-        m = 0.5 * (q - wp.dot(q, normal) * normal) / size
-        add_turn(force_out, i, east, i, i + n, dx, ds, m)
-        add_turn(force_out, i + n, east + n, east, east + n, dx, ds, m)

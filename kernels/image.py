@@ -55,6 +55,10 @@ def seen(field: Field, p: wp.vec2, q: wp.vec2):
     """From where to where the straight line from p to q lies in the image, in shares of it; (1, 0) where it does not."""
     low = float(0.0)
     high = float(1.0)
+    lo = wp.min(p, q) - field.first
+    hi = field.last - wp.max(p, q)
+    if wp.min(wp.min(lo[0], lo[1]), wp.min(hi[0], hi[1])) >= 0.0:
+        return wp.vec2(0.0, 1.0)
     for i in range(2):
         e = q[i] - p[i]
         if e == 0.0:
@@ -82,7 +86,7 @@ def lift(j0: wp.vec3, j1: wp.vec3, f: wp.vec2):
     b = wp.dot(j0, j1)
     c = wp.dot(j1, j1)
     det = a * c - b * b
-    return ((c * f[0] - b * f[1]) * j0 + (a * f[1] - b * f[0]) * j1) / det
+    return 1.0 / det * ((c * f[0] - b * f[1]) * j0 + (a * f[1] - b * f[0]) * j1)
 
 
 @wp.func

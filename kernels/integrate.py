@@ -4,6 +4,7 @@ import warp as wp
 
 from . import banded
 
+SMALL = wp.constant(1.0e-9)
 GROWTH = wp.constant(3.0)
 """Momentum n steps after it started anew is n / (n + this), until it is as large as it may be."""
 
@@ -21,6 +22,7 @@ def split_modes(
     # state in
     tube_in: wp.array[wp.vec3],
     centroid_in: wp.array[wp.vec3],
+    radius_in: wp.array[float],
     force_in: wp.array[wp.vec3],
     spine_force_in: wp.array[wp.vec3],
     velocity_in: wp.array[wp.vec3],
@@ -43,6 +45,7 @@ def split_modes(
     start = ring_node[r]
     dt = step[k, 0]
     slow = step[k, 1]
+    centroid = centroid_in[r]
     mean = wp.vec3(0.0)
     cosine = wp.vec3(0.0)
     sine = wp.vec3(0.0)
@@ -55,7 +58,7 @@ def split_modes(
         power += wp.dot(f, velocity_in[start + x])
         cosine += wave[0] * f
         sine += wave[1] * f
-        radial += wp.dot(f, wp.normalize(tube_in[start + x] - centroid_in[r]))
+        radial += wp.dot(f, tube_in[start + x] - centroid)
     mean /= float(n)
     power_out[r] = power / float(n)
     low_out[3 * rings + r] = step[k, 2] * spine_force_in[r]
@@ -68,7 +71,8 @@ def split_modes(
             delta_out[start + x] = wp.vec3(0.0)
         return
     # the other modes relax within a few steps, down to the rounding of float32
-    residual_out[r] = wp.dot(mean, mean) + radial * radial / float(n * n)
+    radial /= float(n) * wp.max(radius_in[r], SMALL)
+    residual_out[r] = wp.dot(mean, mean) + radial * radial
     cosine *= 2.0 / float(n)
     sine *= 2.0 / float(n)
     first = slow / (1.0 + slow * first_mode[r])

@@ -33,7 +33,7 @@ def sight(eye: Eye, v: wp.vec3):
 @wp.func
 def jacobian_row(row: wp.vec4, row2: wp.vec4, value: float, depth: float):
     """Derivative of one image coordinate by the world point."""
-    return (wp.vec3(row[0], row[1], row[2]) - value * wp.vec3(row2[0], row2[1], row2[2])) / depth
+    return 1.0 / depth * (wp.vec3(row[0], row[1], row[2]) - value * wp.vec3(row2[0], row2[1], row2[2]))
 
 
 @wp.func

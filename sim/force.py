@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warp as wp
 
-from ..kernels import contour, coupling, depth, elastic, pole, rim
+from ..kernels import contour, coupling, depth, elastic, pole, rim, shape, switch
 from .model import Model, State
 
 
@@ -20,11 +20,12 @@ def add_forces(model: Model, state: State, contour_kind: str, literal: bool, tau
     """
     m, s = model, state
     ring = [m.ring_tube, m.ring_node, m.ring_s, m.tube_nx, m.tube_ns]
+    look = [m.look_first, m.look_last, m.ring_far]
     wp.launch(
         coupling.ring_means,
         m.rings,
-        inputs=[*ring, m.look_first, m.look_last, m.ring_far, s.tube, s.spine],
-        outputs=[s.centroid, s.radius, s.gap, s.tangent, s.tilt],
+        inputs=[*ring, *look, m.coupling, s.tube, s.spine],
+        outputs=[s.centroid, s.radius, s.gap, s.edge, s.tangent, s.known, s.tilt],
         device=m.device,
     )
     wp.launch(
@@ -38,16 +39,23 @@ def add_forces(model: Model, state: State, contour_kind: str, literal: bool, tau
         coupling.tube_force,
         m.rings,
         inputs=[
-            *ring, m.ring_closed, m.w10, m.w20, m.w11, m.w01, m.w02, m.coupling, m.depth_rest, m.edge_hold, m.eyes,
-            s.tube, s.spine, s.centroid, s.radius, s.gap, s.tangent, s.held,
-            int(m.twisted),
+            *ring, m.ring_closed, m.w20, m.w02, m.coupling, m.depth_rest, m.edge_hold, m.eyes,
+            s.tube, s.spine, s.centroid, s.radius, s.gap, s.edge, s.tangent, s.known, s.held,
         ],
         outputs=[s.force],
         device=m.device,
     )  # fmt: skip
+    if m.tense or m.twisted:
+        wp.launch(
+            shape.tense_sheet,
+            m.nodes,
+            inputs=[m.node_ring, *ring, m.ring_closed, m.w10, m.w11, m.w01, s.tube],
+            outputs=[s.force],
+            device=m.device,
+        )
     if m.shaped:
         wp.launch(
-            elastic.shape_sheet,
+            shape.shape_sheet,
             m.nodes,
             inputs=[
                 m.node_ring, *ring, m.ring_closed, m.ring_first, m.ring_last,
@@ -67,29 +75,22 @@ def add_forces(model: Model, state: State, contour_kind: str, literal: bool, tau
         device=m.device,
     )  # fmt: skip
     wp.launch(
+        coupling.upright_spine,
+        m.rings,
+        inputs=[m.ring_tube, m.ring_s, m.tube_ns, *look, s.tilt],
+        outputs=[s.moment],
+        device=m.device,
+    )
+    wp.launch(
         coupling.spine_force,
         m.rings,
         inputs=[
-            m.ring_tube,
-            m.ring_s,
-            m.tube_ns,
-            m.look_first,
-            m.look_last,
-            m.ring_far,
-            m.w1,
-            m.w2,
-            m.coupling,
-            m.depth_rest,
-            m.eyes,
-            s.spine,
-            s.natural_bend,
-            s.tension,
-            s.centroid,
-            s.tilt,
+            m.ring_tube, m.ring_s, m.tube_ns, m.w1, m.w2, m.coupling, m.depth_rest, m.eyes,
+            s.spine, s.natural_bend, s.tension, s.centroid, s.moment,
         ],
         outputs=[s.spine_force],
         device=m.device,
-    )
+    )  # fmt: skip
     sums = [m.ring_tube, m.ring_node, m.tube_nx]
     if m.views > 1:
         wp.launch(
@@ -135,7 +136,7 @@ def add_forces(model: Model, state: State, contour_kind: str, literal: bool, tau
             )  # fmt: skip
         if contour_kind == "switch":
             wp.launch(
-                contour.switch_force,
+                switch.switch_force,
                 m.nodes,
                 inputs=[m.node_ring, m.ring_tube, *pictures, tau],
                 outputs=[s.force],

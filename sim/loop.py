@@ -7,7 +7,7 @@ import threading
 import numpy as np
 import warp as wp
 
-from ..kernels import rim
+from ..kernels import rim, shape, switch
 from .fabric import Fabric
 from .force import add_forces
 from .model import State
@@ -35,8 +35,10 @@ class Loop:
     def _capture(self) -> None:
         scene, s = self.scene, self.scene.settings
         self.forms = self._forms()
-        if scene.model.torn:
-            wp.load_module(rim, device=scene.device)
+        m = scene.model
+        rare = {rim: m.torn, shape: m.shaped or m.tense or m.twisted, switch: s.contour == "switch"}
+        for module in (module for module, used in rare.items() if used):
+            wp.load_module(module, device=scene.device)
         with wp.ScopedCapture(device=scene.device, force_module_load=False) as capture:
             add_forces(scene.model, scene.state, s.contour, s.force == "paper", s.tau)
             scene.springs.add_forces(scene.model.eyes, scene.state.tube, scene.state.force)
@@ -59,7 +61,7 @@ class Loop:
     def _forms(self) -> tuple:
         """What a graph has frozen of model and solver."""
         m = self.scene.model
-        return m.shaped, m.torn, m.twisted, len(m.samples), self.scene.springs.form, *self.solver.form
+        return m.shaped, m.torn, m.tense, m.twisted, len(m.samples), self.scene.springs.form, *self.solver.form
 
     def hold_springs(self, iteration: int) -> None:
         """Lets springs take hold and let go, and the scheme take them implicitly."""

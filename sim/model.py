@@ -60,7 +60,7 @@ class Model:
             before a discontinuity, shape (R,).
         look_first, look_last: how far a ring's tangent looks: across creases of the spine, so that rings go over from one
             side to the other little by little, but not across gaps, shape (R,).
-        shaped, torn, twisted: whether any tube has natural lengths or curvatures, a gap, or a weight w11.
+        shaped, torn, tense, twisted: whether any tube has natural lengths or curvatures, a gap, a weight w10 or w01, or w11.
         ring_far: importance for a ring's tangent of the j-th segment of the spine either way, shape (R, WINDOW).
         k1: tension factor K1 of the spine's edges, shape (R,).
         edge_hold, ring_slack: stiffness of the springs that keep nodes' shares of the way to the next ring, 0 for none,
@@ -131,7 +131,7 @@ class Model:
         self.spine_curvature = wp.zeros(self.rings, dtype=wp.vec2, device=device)
         self.ring_first, self.spine_first, self.look_first = (ints(np.zeros(self.rings)) for _ in range(3))
         self.ring_last, self.spine_last, self.look_last = (ints(ns_of - 1) for _ in range(3))
-        self.shaped, self.torn, self.twisted = False, False, True
+        self.shaped, self.torn, self.tense, self.twisted = False, False, True, True
         self.edge_hold = wp.zeros(self.nodes, dtype=float, device=device)
         self.k1, self.ring_slack = (wp.zeros(self.rings, dtype=float, device=device) for _ in range(2))
         self.mu, self.spine_mu = (wp.zeros(n, dtype=float, device=device) for n in (self.nodes, self.rings))
@@ -201,11 +201,11 @@ class State:
         self.tube, self.spine = vectors(model.nodes), vectors(model.rings)
         self.velocity, self.spine_velocity = vectors(model.nodes), vectors(model.rings)
         self.force, self.spine_force = vectors(model.nodes), vectors(model.rings)
-        self.normal, self.facing = vectors(model.nodes), scalars(model.nodes)
+        self.normal, self.facing, self.edge = vectors(model.nodes), scalars(model.nodes), scalars(model.nodes)
         self.natural_bend, self.tension = vectors(model.rings), vectors(model.rings)
-        self.centroid, self.tangent, self.tilt, self.pull = (vectors(model.rings) for _ in range(4))
+        self.centroid, self.tangent, self.tilt, self.moment, self.pull = (vectors(model.rings) for _ in range(5))
         self.course = wp.zeros((model.tubes, MODES), dtype=wp.vec3, device=model.device)  # pyright: ignore
-        self.radius, self.gap, self.held = (scalars(model.rings) for _ in range(3))
+        self.radius, self.gap, self.known, self.held = (scalars(model.rings) for _ in range(4))
         self.delta, self.low = vectors(model.nodes), vectors(4 * model.rings)
         self.residual, self.power = scalars(model.rings), scalars(model.rings)
         self.age, self.momentum = scalars(model.tubes), scalars(model.tubes)

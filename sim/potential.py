@@ -130,12 +130,18 @@ class ScaleSpace:
     def _half(self) -> ScaleSpace:
         """The same at half the samples a side."""
         half = copy.copy(self)
+        vars(half).pop("_depth", None)
         half.step = 2 * self.step
         half.shape = ((self.shape[0] + 1) // 2, (self.shape[1] + 1) // 2)
         half.image, half.inside = (resample(v, np.zeros(2), 2.0, half.shape) for v in (self.image, self.inside))
         if self.known is not None:
             half.known = resample(self.known, np.zeros(2), 2.0, half.shape)
         return half
+
+    @cached_property
+    def _depth(self) -> np.ndarray:
+        """Depth in the map's object [samples]."""
+        return np.asarray(ndimage.distance_transform_edt(self.inside > 0.5))
 
     def _sampled(self, image: np.ndarray) -> np.ndarray:
         """Colours of the part that is looked at; only its samples are converted."""
@@ -273,8 +279,7 @@ class ScaleSpace:
 
     def _thin(self, s: float) -> np.ndarray:
         """1 where the map's object is less deep than `THIN` s nearby, 0 where it is deeper than `THICK` s; s in samples."""
-        depth = ndimage.distance_transform_edt(self.inside > 0.5)
-        deepest = ndimage.maximum_filter(depth, 2 * int(np.ceil(1.3 * THICK * s)) + 1)  # pyright: ignore
+        deepest = ndimage.maximum_filter(self._depth, 2 * int(np.ceil(1.3 * THICK * s)) + 1)
         return np.clip((THICK - deepest / s) / (THICK - THIN), 0, 1)
 
     def _blur(self, s: float) -> float:

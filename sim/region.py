@@ -54,10 +54,15 @@ def region_map(
         not_here: shape (k, 2), image points that are background.
     """
     lo, step, shape = _crop(points, image.shape, ACROSS)
-    x = walker.tinted(resample(colours(image), lo, step, shape))
+    # what smoothing before the sampling looks at, and no more: images are large
+    pad = int(np.ceil(3 * step)) + 2
+    near = np.maximum(lo.astype(int) - pad, 0)
+    far = np.ceil(lo + step * np.array(shape[::-1])).astype(int) + pad
+    part = slice(near[1], far[1]), slice(near[0], far[0])
+    x = walker.tinted(resample(colours(image[part]), lo - near, step, shape))
     known = np.ones(shape, bool)
     if ignore is not None:
-        known = resample((~ignore).astype(np.float32), lo, step, shape) > 0.5
+        known = resample((~ignore[part]).astype(np.float32), lo - near, step, shape) > 0.5
         x = walker.filled(x, known)
     cells = walker.colour_cells(x)
     mine = enclosed((points - lo) / step, shape)

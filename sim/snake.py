@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -119,17 +121,24 @@ def deform(
     stages = max(len(x) for x in lists)
     progress = Progress(scene, stages)
     history: list[list] = [[] for _ in objects]
+    sigmas_of = [[x[max(0, len(x) - stages + stage)] for x in lists] for stage in range(stages)]
+    pool = ThreadPoolExecutor(os.cpu_count())
+    ahead = [
+        [s and pool.submit(s.at, sigma, stage == stages - 1) for s, sigma in zip(scene.spaces, sigmas, strict=True)]
+        for stage, sigmas in enumerate(sigmas_of)
+    ]
+    pool.shutdown(wait=False)
     potentials: list[list[Potential | None]] = []
     stopped = converged = diverged = False
     stage, again = 0, None
     held = scene.node.numpy().copy()
     while stage < stages and not (stopped or diverged):
-        sigmas = [x[max(0, len(x) - stages + stage)] for x in lists]
+        sigmas = sigmas_of[stage]
         finest = stage == stages - 1
         if progress.iteration > 0:
             scene.deal()
         if stage == len(potentials):
-            potentials.append([s and s.at(sigma, finest) for s, sigma in zip(scene.spaces, sigmas, strict=True)])
+            potentials.append([one and one.result() for one in ahead[stage]])
         scene.set_potentials(potentials[stage])
         lap("potential")
         progress.stage, progress.sigma = stage, sigmas[0]
@@ -163,6 +172,8 @@ def deform(
             stopped = bool(callback and callback(progress))
         stage = stage + 1 if again is None else again
         lap("solve")
+    for one in (one for made in ahead[len(potentials) :] for one in made):
+        _ = one and one.cancel()
     results = []
     for k in range(len(objects)):
         history[k].append((scene.world(k), scene.pulls(k), progress.sigma))

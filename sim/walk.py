@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy import sparse
@@ -61,6 +62,15 @@ class Walk:
         block = np.unique((rows * (cols.max() + 1) + cols)[where], return_inverse=True)[1]
         return Walk(where, np.concatenate(firsts), np.concatenate(seconds), weight, block)
 
+    @cached_property
+    def _laid(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Columns and starts of rows of the matrix, and which of pairs, pairs turned round and diagonal stands where."""
+        at = np.arange(len(self.block))
+        rows, columns = (np.concatenate(v) for v in ((self.first, self.second, at), (self.second, self.first, at)))
+        laid = sparse.csr_array((np.arange(len(rows)), (rows, columns)), shape=(len(at), len(at)))
+        laid.sort_indices()
+        return laid.indices, laid.indptr, laid.data
+
     def solve(self, hold: np.ndarray, prior: np.ndarray, start: np.ndarray, again: bool) -> np.ndarray:
         """The map x that minimises sum w (x_i - x_j)^2 + sum hold (x - prior)^2, shape (h, w); 0 off the walk.
 
@@ -76,15 +86,16 @@ class Walk:
         guess, w, n = start[self.where], self.weight, len(self.block)
         if again:
             w = w / np.maximum(1.0, np.abs(guess[self.first] - guess[self.second]) / DECIDED)
-        off = sparse.coo_array((-w, (self.first, self.second)), shape=(n, n))
-        off = (off + off.T).tocsr()
-        a = (off + sparse.diags_array(hold[self.where] - off.sum(axis=1))).tocsr()
-        inverse = 1 / a.diagonal()
-        whole = sparse.csr_array((np.ones(n), (np.arange(n), self.block)))
-        coarse = splu((whole.T @ a @ whole).tocsc())
+        own = hold[self.where] + np.bincount(self.first, w, n) + np.bincount(self.second, w, n)
+        indices, starts, order = self._laid
+        a = sparse.csr_array((np.concatenate([-w, -w, own])[order], indices, starts), shape=(n, n))
+        inverse, coarse = 1 / own, []
 
         def rough(r: np.ndarray) -> np.ndarray:
-            return inverse * r + coarse.solve(np.bincount(self.block, r))[self.block]
+            if not coarse:  # a good guess needs none
+                whole = sparse.csr_array((np.ones(n), (np.arange(n), self.block)))
+                coarse.append(splu((whole.T @ a @ whole).tocsc()))
+            return inverse * r + coarse[0].solve(np.bincount(self.block, r))[self.block]
 
         both = LinearOperator(a.shape, matvec=rough)  # pyright: ignore[reportCallIssue]
         found, _ = cg(a, (hold * prior)[self.where], x0=guess, rtol=1e-4, maxiter=600, M=both)

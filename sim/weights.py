@@ -152,7 +152,7 @@ class Weights:
             changed |= {name for i, name in enumerate(COUPLING) if not np.array_equal(before[:, i], now[:, i])}
         m.shaped = any(np.any(fresh[n][:, 0] > 0) for n in ("stretch10", "stretch01")) or bool(fresh["curvature"].any())
         m.torn = any(gap for found in self.cuts for _, gap in found)
-        m.twisted = bool(fresh["w11"].any())
+        m.tense, m.twisted = bool(fresh["w10"].any() or fresh["w01"].any()), bool(fresh["w11"].any())
         self.stale = False
         return changed
 

@@ -93,8 +93,11 @@ def ring_means(v: np.ndarray, spine: np.ndarray) -> tuple[np.ndarray, np.ndarray
     return centroid, radius
 
 
-def tangents(spine: np.ndarray, window: int, far: np.ndarray) -> np.ndarray:
-    """Unit sum of the spine's segments either side of each ring, the j-th away by its far^j."""
+def tangents(spine: np.ndarray, window: int, far: np.ndarray, shortest: float = 0.0) -> np.ndarray:
+    """Sum of the spine's segments either side of each ring, the j-th away by its far^j, over its length.
+
+    Where that is below `shortest` times 1 / (ns - 1) for each side that the ring has, over this instead.
+    """
     segments = np.diff(spine, axis=0)
     out = np.zeros(spine.shape)
     for s in range(len(spine)):
@@ -103,7 +106,8 @@ def tangents(spine: np.ndarray, window: int, far: np.ndarray) -> np.ndarray:
                 out[s] += far[s] ** j * segments[s + j]
             if s - j > 0:
                 out[s] += far[s] ** j * segments[s - j - 1]
-    return out / np.linalg.norm(out, axis=1, keepdims=True)
+    sides = np.array([1, *[2] * (len(spine) - 2), 1])[:, None]
+    return out / np.maximum(np.linalg.norm(out, axis=1, keepdims=True), shortest * sides / len(segments))
 
 
 def project(matrix: np.ndarray, v: np.ndarray) -> np.ndarray:

@@ -111,7 +111,7 @@ def ring_crossings(
 ):
     """Sets the contour's crossing on each node's edge to the next node of its ring; any point where there is none."""
     i = wp.tid()
-    position_out[i] = contour.along_ring(tube, normal, facing, i - i % n, i % n, n).position  # pyright: ignore
+    position_out[i] = contour.along_edge(tube, normal, facing, i - i % n, i % n, n, 0, 0, 0, 0).position  # pyright: ignore
 
 
 @wp.kernel(enable_backward=False)
@@ -125,4 +125,4 @@ def meridian_crossings(
 ):
     """Sets the contour's crossing on each node's edge to the next ring; any point where there is none."""
     i = wp.tid()
-    position_out[i] = contour.along_meridian(tube, normal, facing, i, n, i // n, 0, ns - 1).position  # pyright: ignore
+    position_out[i] = contour.along_edge(tube, normal, facing, i - i % n, i % n, n, i // n, 0, ns - 1, 3).position  # pyright: ignore

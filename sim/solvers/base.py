@@ -278,7 +278,7 @@ class Solver:
             m.rings,
             inputs=[
                 m.ring_tube, m.ring_node, m.tube_nx, m.ring_closed, m.node_wave, self.first_mode, self.step_size,
-                s.tube, s.centroid, s.force, s.spine_force, s.velocity, m.rings,
+                s.tube, s.centroid, s.radius, s.force, s.spine_force, s.velocity, m.rings,
             ],
             outputs=[s.delta, s.low, s.residual, s.power],
             device=m.device,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.linalg import cho_solve_banded, cholesky_banded
 
 
 def factor_open(diagonal: np.ndarray, first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -19,40 +20,28 @@ def factor_open(diagonal: np.ndarray, first: np.ndarray, second: np.ndarray) -> 
     Raises:
         ValueError: a line is not positive definite.
     """
-    m, n = diagonal.shape
-    lower1, lower2, d = np.zeros((m, n)), np.zeros((m, n)), np.zeros((m, n))
-    for k in range(n):
-        d[:, k] = diagonal[:, k]
-        if k > 1:
-            lower2[:, k] = second[:, k - 2] / d[:, k - 2]
-            d[:, k] -= lower2[:, k] ** 2 * d[:, k - 2]
-        if k > 0:
-            e = first[:, k - 1]
-            if k > 1:
-                e = e - lower2[:, k] * lower1[:, k - 1] * d[:, k - 2]
-            lower1[:, k] = e / d[:, k - 1]
-            d[:, k] -= lower1[:, k] ** 2 * d[:, k - 1]
-        if not np.all(d[:, k] > 0):
-            raise ValueError("a line's matrix is not positive definite: weights must not be negative")
-    return lower1, lower2, 1 / d
+    return _unit(_cholesky(diagonal, first, second), diagonal.shape)
 
 
-def solve_open(factors: tuple[np.ndarray, np.ndarray, np.ndarray], rhs: np.ndarray) -> np.ndarray:
-    """Solves with `factor_open`'s factors, rhs of shape (m, n); float64, used to make the border of cyclic lines."""
-    lower1, lower2, inverse = factors
-    x = rhs.copy()
-    n = x.shape[1]
-    for k in range(n):
-        if k > 0:
-            x[:, k] -= lower1[:, k] * x[:, k - 1]
-        if k > 1:
-            x[:, k] -= lower2[:, k] * x[:, k - 2]
-    x *= inverse
-    for k in range(n - 2, -1, -1):
-        x[:, k] -= lower1[:, k + 1] * x[:, k + 1]
-        if k < n - 2:
-            x[:, k] -= lower2[:, k + 2] * x[:, k + 2]
-    return x
+def _cholesky(diagonal: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """LAPACK's lower Cholesky bands of all lines one after the other, which nothing couples, shape (3, m n)."""
+    bands = np.stack([diagonal, first, second])
+    bands[1, :, -1:] = bands[2, :, -2:] = 0.0
+    try:
+        found = cholesky_banded(bands.reshape(3, -1), lower=True, check_finite=False)
+    except np.linalg.LinAlgError:
+        found = np.zeros(1)
+    if not np.all(found[0] > 0):
+        raise ValueError("a line's matrix is not positive definite: weights must not be negative")
+    return found
+
+
+def _unit(cholesky: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The same as `factor_open` returns it."""
+    root, below1, below2 = cholesky.reshape(3, *shape)
+    lower1, lower2 = np.zeros(shape), np.zeros(shape)
+    lower1[:, 1:], lower2[:, 2:] = below1[:, :-1] / root[:, :-1], below2[:, :-2] / root[:, :-2]
+    return lower1, lower2, 1 / root**2
 
 
 def factor_cyclic(diagonal: np.ndarray, first: np.ndarray, second: np.ndarray) -> dict[str, np.ndarray]:
@@ -65,11 +54,11 @@ def factor_cyclic(diagonal: np.ndarray, first: np.ndarray, second: np.ndarray) -
     """
     m, n = diagonal.shape
     k = n - 2
-    inner = factor_open(diagonal[:, :k], first[:, :k], second[:, :k])
+    inner = _cholesky(diagonal[:, :k], first[:, :k], second[:, :k])
     c = np.zeros((2, m, k))
     c[0, :, 0], c[0, :, k - 2], c[0, :, k - 1] = second[:, k], second[:, k - 2], first[:, k - 1]
     c[1, :, 0], c[1, :, 1], c[1, :, k - 1] = first[:, n - 1], second[:, n - 1], second[:, k - 1]
-    w = np.stack([solve_open(inner, c[0]), solve_open(inner, c[1])])
+    w = cho_solve_banded((inner, True), c.reshape(2, -1).T, check_finite=False).T.reshape(c.shape)
     s00 = diagonal[:, k] - np.sum(c[0] * w[0], axis=1)
     s01 = first[:, k] - np.sum(c[0] * w[1], axis=1)
     s11 = diagonal[:, k + 1] - np.sum(c[1] * w[1], axis=1)
@@ -79,7 +68,7 @@ def factor_cyclic(diagonal: np.ndarray, first: np.ndarray, second: np.ndarray) -
     pad = ((0, 0), (0, 2), (0, 0))
     border = np.pad(np.moveaxis(w, 0, 2), pad)
     return {
-        "factor": np.pad(np.stack(inner, axis=2), pad),
+        "factor": np.pad(np.stack(_unit(inner, (m, k)), axis=2), pad),
         # values that decayed into denormals cost time and carry nothing
         "border": np.where(np.abs(border) < 1e-20, 0.0, border),
         "corner": np.stack([s11 / det, -s01 / det, s00 / det], axis=1),
