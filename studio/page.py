@@ -26,7 +26,7 @@ from .session import Session
 from .state import Item
 
 RATE = 30
-"""Most updates of the page a second; and at most half of the time goes into making them."""
+"""Most updates of the page a second; and at most half of a core's time goes into making them."""
 FOV = 0.4
 """Of the viewer's eye through the scene's camera [rad]."""
 MARGIN = 1.06
@@ -315,7 +315,7 @@ class Page:
         while not self._closed.wait(max(1 / RATE - spent, spent)):
             self.engine.fresh.wait(1 / RATE)
             self.engine.fresh.clear()
-            begun, spent = time.monotonic(), 0.0
+            begun, spent = time.thread_time(), 0.0
             snapshots = self.engine.snapshots
             if self.engine.failed:
                 self.tell("A fault of the studio", self.engine.failed, "red")
@@ -324,7 +324,7 @@ class Page:
                 continue
             before, self._changed = snapshots, False
             self.attempt(lambda snapshots=snapshots: self._draw(snapshots))
-            spent = time.monotonic() - begun
+            spent = time.thread_time() - begun
 
     def _draw(self, snapshots: dict[int, Snapshot]) -> None:
         with self._painting:
