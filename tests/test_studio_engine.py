@@ -68,28 +68,44 @@ def test_a_live_run_ends_where_symseek_run_does(engine, session):
 
 
 def test_pulls_are_played_again_and_taken_back(engine, session):
-    """A pull in the image, a pin in space, a push: the same in a run from the start; without them it is as before."""
+    """A pull in the image, a pin in space, a push: the same in a run from the start; without them it is as before.
+
+    At given iterations, each with some in between: where a person's mouse was at which one is another path every time.
+    """
+
+    def hold(*how, **more):
+        engine.call(lambda: (engine._hold(1, *how, more.get("push", False), 0), engine._set_going(False))).result(60)
+        engine.step(7).result(60)
+
+    def let_go(pin=False):
+        made = engine.let_go(1, pin).result(60)
+        record(session, made)
+        show(engine, session)
+        return made
+
     show(engine, session, fresh=True)
     engine.run().result(60)
     first = rest(engine)[1]
     edge = first[6, 12]
-    engine.grab(1, (0.24, 0.5), edge[:2])
+    hold((0.24, 0.5), tuple(edge[:2]))
     for k in range(10):
         engine.drag(1, edge[:2] + k * np.array([1.5, -3.0])).result(60)
-    assert engine.going() and len(engine.snapshots[1].pulls) == 5
-    record(session, engine.let_go(1).result(60))
-    show(engine, session)
-    assert engine.snapshots[1].pulls == []
+        engine.step(12).result(60)
+    assert engine._parts[1].run.iteration == engine.snapshots[1].iteration and len(engine.snapshots[1].pulls) == 5
+    assert len(let_go()) == 50, "five springs at each of ten places"
+    engine.run().result(60)
     pulled = rest(engine)[1]
+    assert engine.snapshots[1].pulls == []
     near = first[12, 6]
-    engine.grab(1, (0.48, 0.25), near - np.array([0, 10, 15])).result(60)
-    record(session, engine.let_go(1, pin=True).result(60))
-    engine.grab(1, (0.0, 0.0), (300.0, 360.0), push=True).result(60)
+    hold((0.48, 0.25), tuple(near - np.array([0, 10, 15])))
+    let_go(pin=True)
+    hold((0.0, 0.0), (300.0, 360.0), push=True)
     engine.drag(1, (300.0, 350.0)).result(60)
-    record(session, engine.let_go(1).result(60))
-    show(engine, session)
+    engine.step(20).result(60)
+    let_go()
+    engine.run().result(60)
     last = rest(engine)[1]
-    assert np.abs(last - pulled).max() > 3
+    assert np.abs(last - pulled).max() > 3 and engine.snapshots[1].converged
     assert np.array_equal(last, again(session))
     session.undo()
     session.undo()
