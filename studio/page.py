@@ -86,8 +86,9 @@ class Page:
                 self.mouse.listen(self.drawing)
                 self._pictured = [0] * len(session.views)
                 self.engine.show(
-                    session.views, session.settings(), self._wishes(), True, session.frames, session.scenery.tracking
-                )
+                    session.views, session.settings(), self._wishes(), True, session.frames, session.scenery.tracking,
+                    self.folder.shelf(path), session.state.text(),
+                )  # fmt: skip
             if restored:
                 self.tell("Brought back", "what you had made of it before; *Start over* takes the file as it is.")
             for client in self.server.get_clients().values():
@@ -140,7 +141,8 @@ class Page:
                 uids = [i.uid for i in self.session.state.items]
                 if self.chosen not in uids:
                     self.chosen = uids[-1] if uids else None
-                self.engine.show(self.session.views, self.session.settings(), self._wishes())
+                text = self.session.state.text()
+                self.engine.show(self.session.views, self.session.settings(), self._wishes(), state=text)
                 self.folder.autosave(self.path, self.session)
 
         self.attempt(do)
