@@ -18,6 +18,7 @@ from symseek.sim.initial import lift
 from symseek.sim.problem import View
 from symseek.sim.surface import refine
 
+from .handle import rate
 from .lines import COARSE, FINE, lines_of
 from .part import Snapshot
 from .state import Point
@@ -36,7 +37,7 @@ DRAWN = itertools.count()
 """Scenes: a page keeps the pose of what it showed by the same name before."""
 LIGHTS, AMBIENT = (("key", (-0.6, -1.0, -0.7), 2.6), ("fill", (1.0, 0.3, -0.4), 0.5)), 0.6
 """Lights in space: from where, how bright."""
-SPRING, AXIS, SPINE, FIRST = (255, 148, 40), (255, 255, 255), (255, 222, 60), (255, 255, 255)
+SPRING, AXIS, SPINE, FIRST, HANDLE = (255, 148, 40), (255, 255, 255), (255, 222, 60), (255, 255, 255), (255, 0, 200)
 
 
 class Frame:
@@ -52,11 +53,7 @@ class Frame:
         height, width = view.image.shape[:2]
         middle = np.array([(width - 1) / 2, (height - 1) / 2])
         self.origin = lift(middle[None], view.camera, depth)[0]
-        step = 1e-4 * max(float(np.abs(self.origin).max()), 1.0)
-        rate = [
-            (view.camera.project(self.origin + step * e) - view.camera.project(self.origin - step * e)) for e in np.eye(3)
-        ]
-        along = np.array(rate).T / (2 * step)
+        along = rate(view.camera, self.origin)
         away = view.camera.sight(self.origin)
         right = along[0] - away * (along[0] @ away)
         right /= np.linalg.norm(right)
@@ -215,9 +212,10 @@ class Drawing:
         """Models in space, by uid."""
         return dict(self._models)
 
-    def axes(self, axes: Sequence[tuple[np.ndarray, str, bool]]) -> None:
-        """Draws the rough axes, (n, 2) each with its colour, the chosen one with its points."""
+    def axes(self, axes: Sequence[tuple[np.ndarray, str, bool]], handle: np.ndarray | None) -> None:
+        """Draws the rough axes, (n, 2) each with its colour, the chosen one with its points, and its radius' handle."""
         lines = [(np.stack([a[:-1], a[1:]], axis=1), AXIS if chosen else rgb(c)) for a, c, chosen in axes if len(a) > 1]
+        lines += [] if handle is None else [(handle[None], HANDLE)]
         segments = np.concatenate([np.zeros((0, 2, 2)), *(line for line, _ in lines)])
         own = np.array([c for line, c in lines for _ in line], float).reshape(-1, 3)
         self._set("axis", segments, own)
@@ -225,8 +223,11 @@ class Drawing:
         self._points.visible = bool(dots)
         if dots:
             points, colour = dots[0]
+            colours = [FIRST] + [colour] * (len(points) - 1)
+            if handle is not None:
+                points, colours = np.concatenate([points, handle[1:]]), [*colours, HANDLE]
             self._points.points = np.column_stack([points, np.zeros(len(points))]).astype(np.float32)
-            self._points.colors = np.array([FIRST] + [colour] * (len(points) - 1), np.uint8)
+            self._points.colors = np.array(colours, np.uint8)
 
 
 def _linear(colours: np.ndarray) -> np.ndarray:

@@ -19,6 +19,7 @@ from symseek.sim.spring import Spring
 from .controls import Controls
 from .drawing import Drawing, Frame
 from .engine import Engine
+from .handle import handle_of
 from .keep import Folder
 from .mouse import Mouse
 from .part import Snapshot, Wish
@@ -341,7 +342,8 @@ class Page:
         self._picture(session, drawing)
         with self.server.atomic():
             drawing.models(snapshots, colours, self.in_space)
-            drawing.axes([self._axis(item) for item in session.state.items if item.is_tube])
+            items = [item for item in session.state.items if item.is_tube]
+            drawing.axes([self._axis(item) for item in items], self.handle() if self.tool == "Draw" else None)
         self.server.flush()
         self.mouse.listen_to_models(drawing)
         self.engine.watched = self.chosen
@@ -380,6 +382,13 @@ class Page:
         spine = np.asarray(tube.spine, float)  # not drawn here: as it lies in the world
         world = spine if spine.shape[1] == 3 else lift(spine, session.view.camera, tube.depth)
         return view.camera.project(world), item.colour, False
+
+    def handle(self) -> np.ndarray | None:
+        """Of the chosen object's radius in the view in hand, see `handle_of`."""
+        uid, session = self.chosen, self.session
+        if uid is None or session is None or self.engine.frame > 0:
+            return None
+        return handle_of(session, uid, self.eye, self.engine.snapshots.get(uid))
 
     def close(self) -> None:
         """Ends the drawing."""

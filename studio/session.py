@@ -229,14 +229,23 @@ class Session:
         items = [replace(old, colour=colour) if i.uid == uid else i for i in self.state.items]
         self._do("a colour", items, ("colour", uid))
 
-    def move(self, uid: int, by: int) -> None:
-        """Moves an object in the order of depth, `by` places away from the viewer."""
-        if len(self.views) > 1:
-            raise SceneError(self.source, "depth", "several views tell it", "draw the axis in two of them")
+    def _ranked(self, uid: int) -> tuple[list[Item], int]:
+        """Objects in the order of depth, the nearest first, and which one it is."""
         self.item(uid)
         ranked = sorted((i for i in self.state.items if i.is_tube), key=lambda i: i.depth)
+        return ranked, next((n for n, i in enumerate(ranked) if i.uid == uid), 0)
+
+    def place(self, uid: int) -> tuple[int, int]:
+        """Which one it is in the order of depth, 1 the nearest, and of how many."""
+        ranked, k = self._ranked(uid)
+        return k + 1, len(ranked)
+
+    def move(self, uid: int, by: int) -> None:
+        """Moves an object in the order of depth, `by` places away from the viewer; one drag is one step."""
+        if len(self.views) > 1:
+            raise SceneError(self.source, "depth", "several views tell it", "draw the axis in two of them")
+        ranked, k = self._ranked(uid)
         depths = [i.depth for i in ranked]
-        k = next((n for n, i in enumerate(ranked) if i.uid == uid), 0)
         to = min(max(k + by, 0), len(ranked) - 1)
         affine = self.view.camera.affine
         gap = DEPTH_GAP * (min(self.view.image.shape[:2]) * self.scenery.scale if affine else max(depths[0], 1e-6))
@@ -250,7 +259,7 @@ class Session:
         }
         for item in changed.values():
             self.scenery.check(item, self.state.top)
-        self._do("the order of depth", [changed.get(i.uid, i) for i in self.state.items])
+        self._do("the order of depth", [changed.get(i.uid, i) for i in self.state.items], ("depth", uid))
 
     def add_point(self, uid: int, point: Point, at: int | None = None, view: int = 0) -> None:
         """One more point (column, row) of the rough axis in a view, the last or before point `at`."""
