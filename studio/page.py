@@ -54,7 +54,6 @@ class Page:
         self.path = ""
         self.chosen: int | None = None
         self.tool, self.in_space, self.eye = "Draw", False, 0
-        self.updates = 0
         self.told, self._told_at = ("", ""), 0.0
         self.drawing: Drawing | None = None
         self.mouse = Mouse(self)
@@ -357,7 +356,6 @@ class Page:
                 line.append((s.iteration, s.residual, error))
                 del line[:-KEPT]
         self.controls.follow(s, self._plot.get(self.chosen or -1, []))
-        self.updates += 1
 
     def _picture(self, session: Session, drawing: Drawing) -> None:
         """Shows the frame in hand."""

@@ -30,8 +30,8 @@ DEPTH_GAP = 0.25
 """Between two objects that the user puts one before the other [shorter sides of the image; depths, if perspective]."""
 STEPS_MOST = 1000
 """Steps that can be undone."""
-PAINTED = ("w20", "w11", "w02")
-"""Rigidities that are 0 where a crease is painted."""
+PAINTED = "w02"
+"""Rigidity that is 0 where a crease is painted: without that around, w20, nodes would have nothing to hold them round."""
 
 
 class Session:
@@ -327,13 +327,13 @@ class Session:
         return self.scenery.given(0, self.view.camera.project(axis[gap.argmin()]))
 
     def paint(self, uid: int, nodes: Sequence[tuple[int, int]]) -> None:
-        """Takes the rigidity away at nodes (around, along): there the surface may have an edge; one stroke is one step."""
+        """Takes the rigidity along s away at nodes (around, along): the surface may have an edge; one stroke is one step."""
         item = self.item(uid)
         material, (nx, ns) = dict(item.table.get("material", {})), item.table.get("grid", (25, 25))
         for i, j in nodes:
             if not (0 <= as_annotated(i, int) < nx and 0 <= as_annotated(j, int) < ns):
                 raise SceneError(self.source, "material", f"there is no node {i}, {j}", f"the grid has {nx} x {ns}")
-        for name in PAINTED:
+        for name in [PAINTED] + ["w11"] * ("w11" in material):  # which may not be more than the others allow
             values = as_field(name, material.get(name, getattr(Material(), name)), (nx, ns)).T
             for i, j in nodes:
                 values[i, j] = 0.0

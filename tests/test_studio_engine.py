@@ -13,6 +13,7 @@ import pytest
 
 import symseek
 from symseek import cli
+from symseek.scene import build
 from symseek.sim.spring import Spring
 from symseek.studio.engine import Engine
 from symseek.studio.keep import Folder
@@ -45,8 +46,6 @@ def rest(engine: Engine) -> dict[int, np.ndarray]:
 
 def again(session: Session) -> np.ndarray:
     """The first tube as `symseek run` finds it."""
-    from symseek.scene import build
-
     scene = build(session.tables(), session.base, "again")
     return symseek.reconstruct(scene).objects[0].tube[0]
 
@@ -214,6 +213,33 @@ def test_two_objects_run_side_by_side(engine, tmp_path):
     session.remove(1)
     show(engine, session)
     assert set(engine.snapshots) == {2} and np.array_equal(rest(engine)[2], tubes[2])
+
+
+def test_objects_hide_each_other_in_their_order_of_depth(engine, tmp_path):
+    """What the nearer one covers is hidden from the further one, and a saved scene says the same."""
+    shutil.copy(SQUASH.parent / "squash.jpg", tmp_path)
+    session = Folder(tmp_path).open("squash.jpg")[0]
+    for points in (symseek.load(SQUASH).tubes[0].spine, [[270, 190], [290, 270], [300, 350]]):
+        uid = session.add()
+        for point in points:
+            session.add_point(uid, point)
+    session.set_radius(2, 15.0)
+    session.move(2, -1)
+    show(engine, session, fresh=True)
+
+    def hidden() -> list[bool]:
+        return [engine._parts[uid].run.scene.hidden[0][0] is not None for uid in (1, 2)]
+
+    engine.step(1).result(60)
+    assert session.place(2) == (1, 2) and hidden() == [True, False]
+    session.move(2, 1)
+    show(engine, session)
+    engine.step(1).result(60)
+    assert session.place(2) == (2, 2) and hidden() == [False, True]
+    engine.settle().result(60)
+    objects = symseek.reconstruct(build(session.tables(), session.base, "again")).objects
+    assert all(np.array_equal(engine.snapshots[uid].tube, objects[uid - 1].tube[0]) for uid in (1, 2))
+    assert hidden() == [False, True]
 
 
 def test_a_fault_in_the_thread_is_told_and_survived(engine, session):

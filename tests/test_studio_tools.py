@@ -185,8 +185,10 @@ def test_a_model_is_run_and_shaped_by_mouse(tmp_path):
             hand.drag(middle, middle + np.array([30, 20]), 6)
             hand.let_go()
             hand.wait(lambda: "material" in session.item(uid).table)
-            zero = np.argwhere(np.array(session.item(uid).table["material"]["w20"]) == 0)
+            zero = np.argwhere(np.array(session.item(uid).table["material"]["w02"]) == 0)
             assert len(zero) >= 2
+            hand.at_rest()
+            assert engine.snapshots[uid].converged
         with one_step(hand, "a crease"):
             hand.click(middle)
         take(hand, "Gap")
