@@ -339,10 +339,11 @@ class Engine:
         old = self._parts.get(uid)
         if old is not None:
             self._go[uid] = old.go
-            old.run.stop()
         wish = replace(wish, tube=replace(wish.tube, depth=self._depths[uid], find_depth=False))
-        part = self._parts[uid] = Part(wish, self._views, self._maps[uid], self._settings, self.device, self._ahead)
-        part.go = self._go.get(uid, False)
+        part = Part(wish, self._views, self._maps[uid], self._settings, self.device, self._ahead)
+        part.go, self._parts[uid] = self._go.get(uid, False), part
+        if old is not None:  # only now: whoever asks meanwhile whether any is going on is to hear the truth
+            old.run.stop()
         return part
 
     def _play(self, uid: int, wish: Wish, until: int) -> None:

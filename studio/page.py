@@ -124,11 +124,11 @@ class Page:
         def do() -> None:
             if self.session is None:
                 raise SceneError("", "", "nothing is open", "choose a file and open it")
-            with self.lock:
-                what(self.session)
+            what(self.session)
 
-        done = self.attempt(do)
-        self.show()
+        with self.lock:  # the engine is to hear of steps in their order
+            done = self.attempt(do)
+            self.show()
         return done
 
     def show(self) -> None:

@@ -57,6 +57,8 @@ class Hand:
         before = session.state
         self.page.mouse.click(*self.at(place))
         self.wait(lambda: session.state is not before)
+        with self.studio.page.lock:  # the engine has heard of it
+            pass
         self.page.wait_for_timeout(250)  # two clicks at once are a double click
 
     def in_space(self, point: Sequence[float] | np.ndarray) -> tuple[float, float]:
@@ -137,9 +139,8 @@ class Hand:
     def at_rest(self) -> None:
         """Waits until all models have been told to run and nothing moves."""
         engine = self.studio.engine
-        self.wait(lambda: engine.snapshots and all(part.go for part in engine._parts.values()))
-        self.wait(lambda: not engine.going(), 60.0)
-        engine.call(lambda: None).result(60)
+        self.wait(lambda: engine.snapshots and all(part.go for part in list(engine._parts.values())))
+        self.wait(lambda: not engine.call(engine.going).result(60), 60.0)
 
 
 @contextmanager

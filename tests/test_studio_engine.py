@@ -38,9 +38,8 @@ def show(engine: Engine, session: Session, fresh: bool = False) -> None:
 
 def rest(engine: Engine) -> dict[int, np.ndarray]:
     """Tubes once nothing moves."""
-    while engine.going():
-        engine.call(lambda: None).result(60)
-    engine.call(lambda: None).result(60)
+    while engine.call(engine.going).result(60):
+        pass
     return {uid: s.tube for uid, s in engine.snapshots.items()}
 
 

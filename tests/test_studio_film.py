@@ -54,9 +54,8 @@ def test_frames_by_number_are_those_in_turn(tmp_path):
 
 
 def wait(engine: Engine) -> None:
-    engine.call(lambda: None).result(60)
-    while engine.going():
-        engine.call(lambda: None).result(60)
+    while engine.call(engine.going).result(60):
+        pass
 
 
 def states(engine: Engine, session: Session, count: int = COUNT) -> np.ndarray:
