@@ -301,7 +301,7 @@ class Page:
         away = MARGIN * max(height, width / 1.5) / (2 * np.tan(FOV / 2))
         eye = self.server.initial_camera
         eye.fov, eye.near, eye.far, eye.up = FOV, 0.01 * away, 20 * away, (0.0, -1.0, 0.0)
-        eye.position, eye.look_at = middle + away * ASIDE, middle
+        eye.position, eye.look_at = middle + 1.25 * away * ASIDE, middle  # windows of other shapes are to see all of it
         text = self.server.scene.as_html()
         self._changed = True
         return text
