@@ -217,12 +217,11 @@ def test_two_objects_run_side_by_side(engine, tmp_path):
 def test_objects_hide_each_other_in_their_order_of_depth(engine, tmp_path):
     """What the nearer one covers is hidden from the further one, and a saved scene says the same."""
     shutil.copy(SQUASH.parent / "squash.jpg", tmp_path)
-    session = Folder(tmp_path).open("squash.jpg")[0]
-    for points in (symseek.load(SQUASH).tubes[0].spine, [[270, 190], [290, 270], [300, 350]]):
-        uid = session.add()
-        for point in points:
-            session.add_point(uid, point)
-    session.set_radius(2, 15.0)
+    axes = symseek.load(SQUASH).tubes[0].spine.tolist(), [[270, 190], [290, 270], [300, 350]]
+    objects = [f'[[object]]\nname = "{name}"\nspine = {axis}\n' for name, axis in zip("ab", axes, strict=True)]
+    text = '[solver]\niterations = 200\n[[view]]\nimage = "squash.jpg"\n'
+    (tmp_path / "two.toml").write_text("".join([text, *objects, "radius = 15.0\n"]))
+    session = Folder(tmp_path).open("two.toml")[0]
     session.move(2, -1)
     show(engine, session, fresh=True)
 
