@@ -12,6 +12,7 @@ from symseek.sim.curve import evenly
 from symseek.sim.problem import View
 from symseek.sim.surface import occluding_contour
 from symseek.studio.drawing import Drawing, Frame, away_from, material_point
+from symseek.studio.handle import away, handle, rate
 from symseek.studio.lines import COARSE, FINE, lines_of
 from symseek.studio.part import Snapshot
 
@@ -84,6 +85,18 @@ def test_models_in_space_keep_their_shape_and_lie_over_the_photograph(name):
     gap = frame.shown(near)[:, :2] - view.camera.project(near)
     slant = 0.3 * np.abs((near - frame.origin)[:, 2]).max() if name == "stereo" else 0.0  # the paper's (15) is oblique
     assert np.abs(gap).max() < slant * frame.scale + 1e-3
+
+
+def test_the_handle_stands_beside_the_middle_of_the_axis():
+    axis = np.array([[0.0, 0], [30, 0], [30, 10]])
+    foot, knob = handle(axis, 5.0)
+    np.testing.assert_allclose([foot, knob], [[20, 0], [20, -5]])
+    assert abs(away(axis, knob) - 5) < 1e-12 and abs(away(axis, np.array([33.0, 14.0])) - 5) < 1e-12
+    np.testing.assert_allclose(rate(CAMERAS["orthographic"], TUBE[0, 12]), [[2, 0, 0], [0, 2, 0]], atol=1e-6)
+    near = rate(
+        CAMERAS["perspective"], np.array([0.0, 45, -200])
+    )  # f / Z = 400 / 200, and the axis leads through the middle
+    np.testing.assert_allclose(near, [[2, 0, 0.6], [0, 2, 0]], atol=1e-3)
 
 
 def test_a_place_is_found_on_the_near_side():
