@@ -172,9 +172,10 @@ def test_a_model_is_run_and_shaped_by_mouse(tmp_path):
         assert np.array_equal(engine.snapshots[uid].tube, rested)
 
         take(hand, "Push")
+        tip, along = contour(hand)[np.linalg.norm(contour(hand) - [520, 380], axis=1).argmin()], np.array([0.85, 0.53])
         with one_step(hand, "a pull"):
-            hand.drag(edge + 30 * out, edge + 10 * out, 8)
-            hand.wait(lambda: np.linalg.norm(contour(hand, 500) - edge, axis=1).min() > 2)
+            hand.drag(tip + 30 * along, tip + 10 * along, 8)
+            hand.wait(lambda: np.linalg.norm(contour(hand, 500) - tip, axis=1).min() > 5)
             hand.shot("tool pushing")
             hand.let_go()
         hand.at_rest()
