@@ -28,13 +28,14 @@ SPINE = np.array([[160, 143], [174, 233], [260, 278], [361, 311], [454, 342]])
 TILE = np.array([200, 150])
 """Size of one squash among many [px]."""
 COUNT = """
-window.uploads = []; window.frames = []; window.moved = 0; window.answer = 0;
+window.uploads = []; window.frames = []; window.moved = 0; window.answer = 0; window.last = 0;
 let fresh = false;
 const now = () => performance.timeOrigin + performance.now();
 for (const name of ["bufferData", "bufferSubData"]) {
   const before = WebGL2RenderingContext.prototype[name];
   WebGL2RenderingContext.prototype[name] = function (target, data, ...rest) {
     if (data && data.byteLength > 2000) {
+      window.last = performance.now();
       if (!fresh) { fresh = true; window.uploads.push(now()); }
       if (window.moved && !window.answer) window.answer = performance.now() - window.moved;
     }
@@ -97,7 +98,7 @@ def answers(hand: Hand, session: Session) -> tuple[float, float]:
     times = []
     for k in range(MOVES):
         hand.wait(lambda: not hand.studio.engine.going(), 60)
-        time.sleep(0.3)
+        hand.wait(lambda: hand.page.evaluate("performance.now() - window.last > 500"), 60)  # else an older one's answer
         hand.page.evaluate("window.moved = 0; window.answer = 0")
         x, y = hand.at(edge + np.array([4.0, -4.0 if k % 2 else -10.0]))
         hand.page.mouse.move(x, y)

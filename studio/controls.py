@@ -24,7 +24,8 @@ if TYPE_CHECKING:
 
 TOOLS = {
     "Draw": "click points along the object's axis, from one end to the other, then **Run**. Drag a point to move it, click "
-    "on the line to put one between, shift-click to delete one.",
+    "on the line to put one between, shift-click to delete one. The magenta point is the radius: drag it, or shift-click "
+    "it to take the image's.",
     "Pull": "drag any place of a model; let go, and it returns.",
     "Pin": "drag any place of a model; the spring stays where you let go, until **Undo**.",
     "Push": "press the mouse beside a model and move: it is pushed away.",
@@ -185,6 +186,7 @@ class Controls:
         with gui.add_folder("Object"):
             self.objects = self._on(gui.add_dropdown("Chosen", ["-"]), self._choose)
             self._buttons("Objects", ("New", "Delete", "Nearer", "Further"), self._object)
+            self.place = self._on(gui.add_slider("In depth, 1: nearest", 1, 2, 1, 1, visible=False), self._to_place)
             self.title = self._on(gui.add_text("Called", ""), lambda v: self._chosen(lambda s, uid: s.rename(uid, v)))
             self.colour = self._on(
                 gui.add_rgb("Colour", (255, 255, 255)),
@@ -233,7 +235,12 @@ class Controls:
         elif what == "Delete":
             self._chosen(lambda s, uid: s.remove(uid))
         else:
+            if page.session is not None:
+                page.session.end_of_drag()
             self._chosen(lambda s, uid: s.move(uid, -1 if what == "Nearer" else 1))
+
+    def _to_place(self, place: int) -> None:
+        self._chosen(lambda s, uid: s.move(uid, place - s.place(uid)[0]))
 
     def update(self) -> None:
         """Shows the session's state."""
@@ -262,6 +269,9 @@ class Controls:
         if item is None:
             return
         self.objects.value = labels[self._uids.index(item.uid)]
+        place, count = session.place(item.uid)
+        self.place.visible = count > 1 and len(session.views) == 1 and item.is_tube
+        self.place.max, self.place.value = max(2, count), place
         self.title.value, self.colour.value = item.name, rgb(item.colour)
         height, width = session.view.image.shape[:2]
         self.radius.max = float(max(100.0, round(0.25 * min(height, width)) * session.scenery.scale))

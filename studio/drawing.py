@@ -14,19 +14,17 @@ import numpy as np
 import viser
 from viser.transforms import SO3
 
-from symseek.sim.fields import Cut, pieces
 from symseek.sim.initial import lift
 from symseek.sim.problem import View
-from symseek.sim.surface import is_closed, refine, smooth_pieces
+from symseek.sim.surface import refine
 
+from .handle import rate
+from .lines import COARSE, FINE, lines_of
 from .part import Snapshot
 from .state import Point
 
 SIDE_MOST = 2048
 """Pixels of the longer side of the photograph as it is sent."""
-FINE, COARSE = (12, 8, 5), (8, 5, 2)
-"""Meridians and rings of a wire frame, and segments from one crossing to the next; the latter with many models. They
-take most of a frame where there is no graphics card."""
 MANY = 8
 """Models from which on fewer lines and triangles are drawn."""
 LAYER = 1e-3
@@ -39,7 +37,7 @@ DRAWN = itertools.count()
 """Scenes: a page keeps the pose of what it showed by the same name before."""
 LIGHTS, AMBIENT = (("key", (-0.6, -1.0, -0.7), 2.6), ("fill", (1.0, 0.3, -0.4), 0.5)), 0.6
 """Lights in space: from where, how bright."""
-SPRING, AXIS, SPINE, FIRST = (255, 148, 40), (255, 255, 255), (255, 222, 60), (255, 255, 255)
+SPRING, AXIS, SPINE, FIRST, HANDLE = (255, 148, 40), (255, 255, 255), (255, 222, 60), (255, 255, 255), (255, 0, 200)
 
 
 class Frame:
@@ -55,11 +53,7 @@ class Frame:
         height, width = view.image.shape[:2]
         middle = np.array([(width - 1) / 2, (height - 1) / 2])
         self.origin = lift(middle[None], view.camera, depth)[0]
-        step = 1e-4 * max(float(np.abs(self.origin).max()), 1.0)
-        rate = [
-            (view.camera.project(self.origin + step * e) - view.camera.project(self.origin - step * e)) for e in np.eye(3)
-        ]
-        along = np.array(rate).T / (2 * step)
+        along = rate(view.camera, self.origin)
         away = view.camera.sight(self.origin)
         right = along[0] - away * (along[0] @ away)
         right /= np.linalg.norm(right)
@@ -158,20 +152,18 @@ class Drawing:
         """Shows another frame of view v."""
         self.pictures[v].image = _pixels(image)[0]
 
-    def _set(self, name: str, parts: Sequence[tuple[np.ndarray, tuple[int, int, int]]]) -> None:
-        """Segments (n, 2, 2) in the photograph, each lot of one colour."""
-        node = self._lines[name]
-        parts = [(p[np.isfinite(p).all(axis=(1, 2))], c) for p, c in parts]
-        count = sum(len(p) for p, _ in parts)
+    def _set(self, name: str, segments: np.ndarray, colours: Sequence[float] | np.ndarray) -> None:
+        """Segments (n, 2, 2) in the photograph, each of its colour, or all of one."""
+        node, good = self._lines[name], np.isfinite(segments).all(axis=(1, 2))
+        count = int(good.sum())
         if count == 0:
             node.visible = False
             return
         points = np.zeros((count, 2, 3), np.float32)
-        points[..., :2] = np.concatenate([p for p, _ in parts])
-        colours = np.repeat(np.array([c for _, c in parts], np.uint8), [len(p) for p, _ in parts], axis=0)
-        colours = colours[:, None].repeat(2, axis=1)  # one for all, where there were more before, comes out black
+        points[..., :2] = segments[good]
+        each = np.broadcast_to(_linear(np.asarray(colours)), (len(segments), 3))[good]
         self._send(name, "points", points)
-        self._send(name, "colors", colours)
+        self._send(name, "colors", each[:, None].repeat(2, axis=1))  # one for all, where there were more before, is black
         node.visible = True
 
     def _send(self, name: str, what: str, value: np.ndarray) -> None:
@@ -183,20 +175,19 @@ class Drawing:
 
     def models(self, snapshots: Mapping[int, Snapshot], colours: Mapping[int, str], in_space: bool) -> None:
         """Draws models on the photograph, the further ones first, or in space."""
-        order = sorted(snapshots, key=lambda uid: -float(self.view.camera.distance(snapshots[uid].spine).mean()))
-        wires, contours, spines, springs = [], [], [], []
+        camera, uids = self.view.camera, list(snapshots)
+        middles = np.array([s.spine.mean(axis=0) for s in snapshots.values()]).reshape(-1, 3)
+        order = [uids[k] for k in np.argsort(-camera.distance(middles), kind="stable")]
+        shown = [snapshots[uid] for uid in order]
+        own = np.array([rgb(colours.get(uid, "#ffffff")) for uid in order], float).reshape(-1, 3)
         many = len(order) >= MANY
-        for uid in order:
-            s, colour = snapshots[uid], rgb(colours.get(uid, "#ffffff"))
-            wire, contour = _lines(s, self.view, *(COARSE if many else FINE))
-            wires.append((wire, tuple(round(0.55 * c + 0.45 * 255) for c in colour)))
-            contours.append((contour, colour))
-            spines.append((_along(self.view.camera.project(s.spine), s.cuts), SPINE))
-            springs += [(self.view.camera.project(pull)[None], SPRING) for pull in s.pulls]
-        self._set("wire", wires)
-        self._set("contour", contours)
-        self._set("spine", spines)
-        self._set("springs", springs)
+        nothing = np.zeros((0, 2, 2)), np.zeros(0, int)
+        wire, contour, spine = lines_of(shown, self.view, COARSE if many else FINE) if shown else (nothing,) * 3
+        self._set("wire", wire[0], (0.55 * own + 0.45 * 255)[wire[1]])
+        self._set("contour", contour[0], own[contour[1]])
+        self._set("spine", spine[0], SPINE)
+        pulls = [camera.project(pull) for s in shown for pull in s.pulls]
+        self._set("springs", np.array(pulls).reshape(-1, 2, 2), SPRING)
         for uid in [uid for uid in self._models if uid not in snapshots]:
             self._models.pop(uid).remove()
         if in_space:
@@ -221,15 +212,28 @@ class Drawing:
         """Models in space, by uid."""
         return dict(self._models)
 
-    def axes(self, axes: Sequence[tuple[np.ndarray, str, bool]]) -> None:
-        """Draws the rough axes, (n, 2) each with its colour, the chosen one with its points."""
-        self._set("axis", [(_segments(a), AXIS if chosen else rgb(c)) for a, c, chosen in axes if len(a) > 1])
+    def axes(self, axes: Sequence[tuple[np.ndarray, str, bool]], handle: np.ndarray | None) -> None:
+        """Draws the rough axes, (n, 2) each with its colour, the chosen one with its points, and its radius' handle."""
+        lines = [(np.stack([a[:-1], a[1:]], axis=1), AXIS if chosen else rgb(c)) for a, c, chosen in axes if len(a) > 1]
+        lines += [] if handle is None else [(handle[None], HANDLE)]
+        segments = np.concatenate([np.zeros((0, 2, 2)), *(line for line, _ in lines)])
+        own = np.array([c for line, c in lines for _ in line], float).reshape(-1, 3)
+        self._set("axis", segments, own)
         dots = [(a, rgb(c)) for a, c, chosen in axes if chosen and len(a)]
         self._points.visible = bool(dots)
         if dots:
             points, colour = dots[0]
+            colours = [FIRST] + [colour] * (len(points) - 1)
+            if handle is not None:
+                points, colours = np.concatenate([points, handle[1:]]), [*colours, HANDLE]
             self._points.points = np.column_stack([points, np.zeros(len(points))]).astype(np.float32)
-            self._points.colors = np.array([FIRST] + [colour] * (len(points) - 1), np.uint8)
+            self._points.colors = np.array(colours, np.uint8)
+
+
+def _linear(colours: np.ndarray) -> np.ndarray:
+    """Colours (..., 3), 0 to 255, as the page wants those of lines: it takes them for amounts of light (sRGB's curve)."""
+    c = colours / 255
+    return np.rint(255 * np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)).astype(np.uint8)
 
 
 def _pixels(image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -242,68 +246,3 @@ def _pixels(image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         h, w = pixels.shape[0] // thin, pixels.shape[1] // thin
         pixels = pixels.reshape(h, thin, w, thin, 3).mean(axis=(1, 3)).astype(np.uint8)
     return pixels, np.array(pixels.shape[1::-1]) * thin
-
-
-def _segments(line: np.ndarray) -> np.ndarray:
-    """A polyline (n, 2) as segments (n - 1, 2, 2)."""
-    return np.stack([line[:-1], line[1:]], axis=1)
-
-
-def _along(line: np.ndarray, cuts: Sequence[Cut]) -> np.ndarray:
-    parts = [_segments(line[first : last + 1]) for first, last in pieces(len(line), cuts)]
-    return np.concatenate(parts)
-
-
-def _lines(s: Snapshot, view: View, around: int, along: int, each: int) -> tuple[np.ndarray, np.ndarray]:
-    """Wire frame on the side that the camera sees, and occluding contour, as segments (n, 2, 2) in the photograph.
-
-    Args:
-        s: the model.
-        view: image and camera.
-        around, along: meridians and rings.
-        each: segments of a line from one crossing to the next; 1: through the tube's own nodes.
-    """
-    ns, closed = s.tube.shape[1], is_closed(s.tube)
-    ends = pieces(ns, s.cuts)
-    if each > 1:
-        grids = smooth_pieces(s.tube, each * around, each * (along + 1) + 1, s.cuts)
-    else:
-        grids = [s.tube[:, first : last + 1] for first, last in ends]
-    wires, contours = [], []
-    for grid, (first, last) in zip(grids, ends, strict=True):
-        n, m, _ = grid.shape
-        ds = np.gradient(grid, axis=1)
-        normal = np.cross(np.roll(grid, -1, axis=0) - np.roll(grid, 1, axis=0), ds)
-        if closed and first == 0:
-            normal[:, 0] = -ds[:, 1].mean(axis=0)
-        if closed and last == ns - 1:
-            normal[:, -1] = ds[:, -2].mean(axis=0)
-        facing = (view.camera.sight(grid) * normal).sum(axis=2)
-        facing, seen = (np.concatenate([v, v[:1]]) for v in (facing, view.camera.project(grid)))
-        near = facing <= 0
-        rings = np.unique(np.linspace(0, m - 1, max(along * (last - first) // (ns - 1), 1) + 2).astype(int))[1:-1]
-        lines = np.unique(np.linspace(0, n, around, endpoint=False).astype(int))
-        a = np.stack([seen[:-1], seen[1:]], axis=2)[:, rings][(near[:-1] & near[1:])[:, rings]]
-        b = np.stack([seen[:, :-1], seen[:, 1:]], axis=2)[lines][(near[:, :-1] & near[:, 1:])[lines]]
-        wires += [a, b]
-        contours.append(_zero(facing, seen))
-    return np.concatenate(wires), np.concatenate(contours)
-
-
-def _zero(f: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Segments (n, 2, 2) of the line f = 0 on a grid, f (n, m) at places `at` (n, m, 2); two triangles a cell."""
-    corners = [(v[:-1, :-1], v[1:, :-1], v[1:, 1:], v[:-1, 1:]) for v in (f, at)]
-    (fa, fb, fc, fd), (a, b, c, d) = corners
-    values = np.stack([np.stack([fa, fb, fc], -1), np.stack([fa, fc, fd], -1)]).reshape(-1, 3)
-    places = np.stack([np.stack([a, b, c], -2), np.stack([a, c, d], -2)]).reshape(-1, 3, 2)
-    high = values > 0
-    crossed = high.any(axis=1) & ~high.all(axis=1)
-    values, places, high = values[crossed], places[crossed], high[crossed]
-    lone = np.argmax(high == (high.sum(axis=1) == 1)[:, None], axis=1)  # the corner whose sign is not the others'
-    rows, segments = np.arange(len(lone)), []
-    for k in (1, 2):
-        other = (lone + k) % 3
-        u, v = values[rows, lone], values[rows, other]
-        t = (u / (u - v))[:, None]
-        segments.append((1 - t) * places[rows, lone] + t * places[rows, other])
-    return np.stack(segments, axis=1)

@@ -28,6 +28,7 @@ from .film import Film
 from .inbox import Inbox, answered
 from .pace import FIRST, ROUND, Pace, yields
 from .part import Part, Snapshot, Wish, first_difference, fixed, same_maps
+from .shelf import Shelf
 
 MEASURE = 0.2
 """Seconds between two measurements of the contour's error."""
@@ -75,7 +76,7 @@ class Engine:
 
     def show(
         self, views: list[View], settings: Settings, wishes: Mapping[int, Wish], fresh: bool = False,
-        frames: Sequence[Frames] = (), tracking: Tracking | None = None,
+        frames: Sequence[Frames] = (), tracking: Tracking | None = None, shelf: Shelf | None = None, state: str = "",
     ) -> Future:  # fmt: skip
         """Makes the runs those of these objects: what can go on goes on, what cannot is played again.
 
@@ -84,13 +85,18 @@ class Engine:
             settings: of the solver.
             wishes: by uid.
             fresh: another scene, of which nothing is known.
-            frames, tracking: of it, if it moves.
+            frames, tracking, shelf: of it, if it moves, see `Film`.
+            state: text of the session's state that the objects are of.
         """
 
         def do() -> None:
             if fresh:
-                self._open(frames, tracking or Tracking())
+                self._open(frames, tracking or Tracking(), shelf)
+            if self.film is not None:
+                self.film.state = state
             self._show(views, settings, dict(wishes))
+            if self.film is not None and fresh and wishes and self.film.returns():
+                self._set_going(True)
 
         return self.call(do)
 
@@ -223,7 +229,8 @@ class Engine:
             if self._active():
                 return
             film.begin(self._parts)
-        film.go_on(most, begun + ROUND)
+        if film.going:
+            film.go_on(most, begun + ROUND)
         self._rest(begun)
 
     def _advance(self, most: int) -> int:
@@ -267,11 +274,11 @@ class Engine:
 
     # in the thread
 
-    def _open(self, frames: Sequence[Frames], tracking: Tracking) -> None:
+    def _open(self, frames: Sequence[Frames], tracking: Tracking, shelf: Shelf | None) -> None:
         """Another scene, of which nothing is known."""
         self._go, self._mapped, self._maps = {}, [], {}
         self._remove(list(self._parts))
-        self.film = Film(frames, tracking, self._ahead) if frames else None
+        self.film = Film(frames, tracking, self._ahead, shelf) if frames else None
 
     def _set_tracking(self, on: bool) -> None:
         film = self.film
@@ -299,6 +306,7 @@ class Engine:
             self._back()
             film.frame = 0
         film.change(springs)
+        film.keep()
         return first
 
     def _show(self, views: list[View], settings: Settings, wishes: dict[int, Wish]) -> None:
@@ -331,10 +339,11 @@ class Engine:
         old = self._parts.get(uid)
         if old is not None:
             self._go[uid] = old.go
-            old.run.stop()
         wish = replace(wish, tube=replace(wish.tube, depth=self._depths[uid], find_depth=False))
-        part = self._parts[uid] = Part(wish, self._views, self._maps[uid], self._settings, self.device, self._ahead)
-        part.go = self._go.get(uid, False)
+        part = Part(wish, self._views, self._maps[uid], self._settings, self.device, self._ahead)
+        part.go, self._parts[uid] = self._go.get(uid, False), part
+        if old is not None:  # only now: whoever asks meanwhile whether any is going on is to hear the truth
+            old.run.stop()
         return part
 
     def _play(self, uid: int, wish: Wish, until: int) -> None:
@@ -344,6 +353,8 @@ class Engine:
             part.run.advance(until - part.run.iteration)
 
     def _set_going(self, on: bool) -> None:
+        if self.film is not None and not on and not self.film.begun:
+            self.film.forget()
         for uid, part in self._parts.items():
             part.go = self._go[uid] = on
 
@@ -356,8 +367,7 @@ class Engine:
     def _reset(self) -> None:
         self._look = None
         if self.film is not None:
-            self.film.forget()
-            self.film.frame, self.film.springs = 0, {}
+            self.film.reset()
         for uid, part in list(self._parts.items()):
             loose = tuple(s for s in part.wish.tube.springs if s.stop is None)
             tube = replace(part.wish.tube, springs=tuple(replace(s, start=0) for s in loose))

@@ -18,6 +18,7 @@ from symseek.sim.spring import Spring
 from symseek.sim.track import Follower, Tracking, looks_ahead
 
 from .part import Grip, Part, Snapshot, Wish, gripped
+from .shelf import Shelf
 
 CACHED = 8
 """Frames that are held in memory."""
@@ -63,28 +64,38 @@ class Film:
         springs: that each tube is put right by, by uid.
         frame: that is shown.
         tracking: the tubes go on from frame to frame.
+        returning: they go to where they were when the studio was closed.
+        state: text of the session's state that they are of.
 
     Args:
         frames: of each view.
         tracking: how to follow.
         pool: makes potentials.
+        shelf: keeps the frames that they have been through.
     """
 
-    def __init__(self, frames: Sequence[Frames], tracking: Tracking, pool: Executor):
-        self.reel, self._how, self._pool = Reel(frames), tracking, pool
+    def __init__(self, frames: Sequence[Frames], tracking: Tracking, pool: Executor, shelf: Shelf | None = None):
+        self.reel, self._how, self._pool, self._shelf = Reel(frames), tracking, pool, shelf
         self.springs: dict[int, tuple[Spring, ...]] = {}
-        self.frame, self.tracking = 0, False
+        self.frame, self.state = 0, ""
         self.forget()
 
     def forget(self) -> None:
         """Back to where no tube has left the first frame."""
-        self.tracking = False
+        self.tracking, self.returning = False, False
         self._followers: dict[int, Follower] = {}
         self._firsts: dict[int, Snapshot] = {}
         self._records: list[np.ndarray] = []
         self._corrections: dict[int, Correction] = {}
         self._held: tuple[int, Grip, int] | None = None
         """uid, what is held, and how many springs there were before."""
+
+    def reset(self) -> None:
+        """To the first frame, and nothing is put right in others."""
+        self.forget()
+        self.frame, self.springs = 0, {}
+        if self._shelf is not None:
+            self._shelf.clear()
 
     @property
     def begun(self) -> bool:
@@ -109,7 +120,7 @@ class Film:
     @property
     def going(self) -> bool:
         """Whether there is something to do in frames after the first."""
-        return self.busy or (self.tracking and self.count < self.length)
+        return self.busy or self.returning or (self.tracking and self.count < self.length)
 
     def see(self, frame: int) -> None:
         """See `Engine.see`."""
@@ -134,6 +145,23 @@ class Film:
             part.run.scene.tubes[0] = replace(tube, springs=(*tube.springs, *self.springs.get(uid, ())))
             self._followers[uid] = Follower(part.run, self._how)
         self._records = [taken(list(self._followers.values()))]
+        kept = [] if self._shelf is None else self._shelf.records(self.state, self._records[0].dtype)
+        if 1 < len(kept) <= self.length:
+            self._records += kept[1:]
+            self._solve_again(len(kept) - 1)  # so that its potentials are there
+            self.frame = self.count - 1
+        self.returning = False
+        self.keep()
+
+    def keep(self) -> None:
+        """Puts what has been gone through on the shelf."""
+        if self._shelf is not None and self.count > 1:
+            self._shelf.keep(self.state, self._records)
+
+    def returns(self) -> bool:
+        """Whether there are frames to go back to; then `returning` holds until `begin`."""
+        self.returning = self._shelf is not None and self._shelf.has(self.state)
+        return self.returning
 
     def forward(self) -> None:
         """All tubes on by a frame."""
@@ -148,6 +176,7 @@ class Film:
             follower.scene.tubes[0] = replace(follower.scene.tubes[0], springs=self.springs.get(uid, ()))
             self._corrections[uid] = correct(follower, frame)
         self._records.append(taken(list(self._followers.values())))
+        self.keep()
 
     def _leave(self) -> None:
         for correction in self._corrections.values():
@@ -204,6 +233,7 @@ class Film:
             if not held and correction.count >= correction.end:
                 correction.finish()
                 self._records[-1] = taken(list(self._followers.values()))
+                self.keep()
 
     def first_frame(self, wishes: Mapping[int, Wish]) -> tuple[dict[int, Wish], dict[int, tuple[Spring, ...]]]:
         """What is wished of the first frame, and the springs of those after it."""

@@ -14,6 +14,7 @@ from symseek.checks import SceneError, Table
 from symseek.scene import TOP_KEYS, Scene, find, load, read
 
 from .session import Session
+from .shelf import Shelf
 from .state import PALETTE, Item, State
 
 IMAGES = {".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".npy"}
@@ -139,8 +140,12 @@ class Folder:
         """Keeps the state of what was opened as `path`."""
         write_whole(self._autosave(path), session.state.text())
 
-    def _autosave(self, path: str) -> Path:
-        return self.inside(Path(AUTOSAVE) / (path.replace(os.sep, "__").replace("/", "__").replace(":", "_") + ".json"))
+    def _autosave(self, path: str, kind: str = "json") -> Path:
+        return self.inside(Path(AUTOSAVE) / (path.replace(os.sep, "__").replace("/", "__").replace(":", "_") + f".{kind}"))
+
+    def shelf(self, path: str) -> Shelf:
+        """Where the frames of a moving scene are kept that was opened as `path`."""
+        return Shelf(self._autosave(path, "frames"))
 
     def save(self, session: Session, name: str) -> Path:
         """Writes the scene file NAME.toml beside the image.

@@ -10,6 +10,7 @@ import numpy as np
 import viser
 
 from .drawing import Drawing, away_from, material_point
+from .handle import away, pixels
 from .session import Session
 
 if TYPE_CHECKING:
@@ -31,7 +32,7 @@ class Mouse:
         self._held: tuple[int, int] | None = None
         """window and object of a pull."""
         self._dragged: tuple[int, int] | None = None
-        """object and number of a point."""
+        """object and number of a point, -1 for the radius' handle."""
         self._painted: tuple[np.ndarray, set[tuple[int, int]]] | None = None
         """where a stroke is, and the nodes on its way."""
         self._models: dict[int, Any] = {}
@@ -86,7 +87,9 @@ class Mouse:
             if tool == "Draw":
                 points = session.axis(uid, view)
                 hit = _nearest(points, place, near)
-                if shift and hit is not None:
+                if hit is None and self._on_handle(place, near):
+                    session.set_radius(uid, None if shift else session.item(uid).table.get("radius"))
+                elif shift and hit is not None:
                     session.remove_point(uid, hit, view)
                 elif not shift and hit is None:
                     session.add_point(uid, place, _between(points, place, near), view)
@@ -105,14 +108,30 @@ class Mouse:
         if event.phase == "start":
             item = session.item(uid)
             points = [] if item.in_world else session.axis(uid, self.page.eye)
-            hit = _nearest(points, start, 1.5 * _near(event.client))
+            near = 1.5 * _near(event.client)
+            hit = _nearest(points, start, near)
+            hit = -1 if hit is None and self._on_handle(start, near) else hit
             self._dragged = None if hit is None else (uid, hit)
-        if self._dragged is not None:
+        if self._dragged is not None and self._dragged[1] < 0:
+            self._set_radius(session, self._dragged[0], end)
+        elif self._dragged is not None:
             held = self._dragged
             self.page.act(lambda s: s.move_point(*held, end, self.page.eye))
         if event.phase == "end":
             self._dragged = None
             session.end_of_drag()
+
+    def _on_handle(self, place: np.ndarray, near: float) -> bool:
+        """Whether a place is at the handle of the chosen object's radius."""
+        handle = self.page.handle()
+        return handle is not None and float(np.linalg.norm(handle[1] - place)) <= near
+
+    def _set_radius(self, session: Session, uid: int, place: np.ndarray) -> None:
+        """The first tube is to reach from the axis to a place."""
+        unit = pixels(session, uid, self.page.eye)
+        if unit is not None:
+            radius = max(away(np.array(session.axis(uid, self.page.eye)), place), 1.0) / unit
+            self.page.act(lambda s: s.set_radius(uid, float(f"{radius:.4g}")))
 
     def _paint(self, event: Any, start: np.ndarray, end: np.ndarray) -> None:
         """A stroke over the chosen model: nodes on its way lose their rigidity."""

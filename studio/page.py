@@ -19,6 +19,7 @@ from symseek.sim.spring import Spring
 from .controls import Controls
 from .drawing import Drawing, Frame
 from .engine import Engine
+from .handle import handle_of
 from .keep import Folder
 from .mouse import Mouse
 from .part import Snapshot, Wish
@@ -26,7 +27,7 @@ from .session import Session
 from .state import Item
 
 RATE = 30
-"""Most updates of the page a second; and at most half of the time goes into making them."""
+"""Most updates of the page a second; and at most half of a core's time goes into making them."""
 FOV = 0.4
 """Of the viewer's eye through the scene's camera [rad]."""
 MARGIN = 1.06
@@ -53,7 +54,6 @@ class Page:
         self.path = ""
         self.chosen: int | None = None
         self.tool, self.in_space, self.eye = "Draw", False, 0
-        self.updates = 0
         self.told, self._told_at = ("", ""), 0.0
         self.drawing: Drawing | None = None
         self.mouse = Mouse(self)
@@ -86,8 +86,9 @@ class Page:
                 self.mouse.listen(self.drawing)
                 self._pictured = [0] * len(session.views)
                 self.engine.show(
-                    session.views, session.settings(), self._wishes(), True, session.frames, session.scenery.tracking
-                )
+                    session.views, session.settings(), self._wishes(), True, session.frames, session.scenery.tracking,
+                    self.folder.shelf(path), session.state.text(),
+                )  # fmt: skip
             if restored:
                 self.tell("Brought back", "what you had made of it before; *Start over* takes the file as it is.")
             for client in self.server.get_clients().values():
@@ -123,11 +124,11 @@ class Page:
         def do() -> None:
             if self.session is None:
                 raise SceneError("", "", "nothing is open", "choose a file and open it")
-            with self.lock:
-                what(self.session)
+            what(self.session)
 
-        done = self.attempt(do)
-        self.show()
+        with self.lock:  # the engine is to hear of steps in their order
+            done = self.attempt(do)
+            self.show()
         return done
 
     def show(self) -> None:
@@ -140,7 +141,8 @@ class Page:
                 uids = [i.uid for i in self.session.state.items]
                 if self.chosen not in uids:
                     self.chosen = uids[-1] if uids else None
-                self.engine.show(self.session.views, self.session.settings(), self._wishes())
+                text = self.session.state.text()
+                self.engine.show(self.session.views, self.session.settings(), self._wishes(), state=text)
                 self.folder.autosave(self.path, self.session)
 
         self.attempt(do)
@@ -299,7 +301,7 @@ class Page:
         away = MARGIN * max(height, width / 1.5) / (2 * np.tan(FOV / 2))
         eye = self.server.initial_camera
         eye.fov, eye.near, eye.far, eye.up = FOV, 0.01 * away, 20 * away, (0.0, -1.0, 0.0)
-        eye.position, eye.look_at = middle + away * ASIDE, middle
+        eye.position, eye.look_at = middle + 1.25 * away * ASIDE, middle  # windows of other shapes are to see all of it
         text = self.server.scene.as_html()
         self._changed = True
         return text
@@ -315,7 +317,7 @@ class Page:
         while not self._closed.wait(max(1 / RATE - spent, spent)):
             self.engine.fresh.wait(1 / RATE)
             self.engine.fresh.clear()
-            begun, spent = time.monotonic(), 0.0
+            begun, spent = time.thread_time(), 0.0
             snapshots = self.engine.snapshots
             if self.engine.failed:
                 self.tell("A fault of the studio", self.engine.failed, "red")
@@ -324,7 +326,7 @@ class Page:
                 continue
             before, self._changed = snapshots, False
             self.attempt(lambda snapshots=snapshots: self._draw(snapshots))
-            spent = time.monotonic() - begun
+            spent = time.thread_time() - begun
 
     def _draw(self, snapshots: dict[int, Snapshot]) -> None:
         with self._painting:
@@ -339,7 +341,8 @@ class Page:
         self._picture(session, drawing)
         with self.server.atomic():
             drawing.models(snapshots, colours, self.in_space)
-            drawing.axes([self._axis(item) for item in session.state.items if item.is_tube])
+            items = [item for item in session.state.items if item.is_tube]
+            drawing.axes([self._axis(item) for item in items], self.handle() if self.tool == "Draw" else None)
         self.server.flush()
         self.mouse.listen_to_models(drawing)
         self.engine.watched = self.chosen
@@ -353,7 +356,6 @@ class Page:
                 line.append((s.iteration, s.residual, error))
                 del line[:-KEPT]
         self.controls.follow(s, self._plot.get(self.chosen or -1, []))
-        self.updates += 1
 
     def _picture(self, session: Session, drawing: Drawing) -> None:
         """Shows the frame in hand."""
@@ -378,6 +380,13 @@ class Page:
         spine = np.asarray(tube.spine, float)  # not drawn here: as it lies in the world
         world = spine if spine.shape[1] == 3 else lift(spine, session.view.camera, tube.depth)
         return view.camera.project(world), item.colour, False
+
+    def handle(self) -> np.ndarray | None:
+        """Of the chosen object's radius in the view in hand, see `handle_of`."""
+        uid, session = self.chosen, self.session
+        if uid is None or session is None or self.engine.frame > 0:
+            return None
+        return handle_of(session, uid, self.eye, self.engine.snapshots.get(uid))
 
     def close(self) -> None:
         """Ends the drawing."""

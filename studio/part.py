@@ -19,13 +19,13 @@ from symseek.sim.surface import occluding_contour
 
 STRENGTH = 4.0
 """Stiffness of the mouse's spring."""
-PUSH = 0.01
-"""Stiffness of its volcano, which acts on all of the object: more than the image's hold of a tube blows it away."""
+PUSH = 0.3
+"""Stiffness of its volcano: enough to take the contour some way off its edge, not so much that it cannot return."""
 GRIP = 0.08
 """How far to both sides along an object the mouse takes hold of it, less and less [its length]: a ring alone would be drawn
 out to a disc."""
-REACH = 0.08
-"""Reach of the mouse's volcano [shorter sides of the image]."""
+REACH = 0.03
+"""Reach of the mouse's volcano [the object's length]: from further off it would slide nodes along the surface alone."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,8 @@ def gripped(
 ) -> tuple[Grip, list[Spring]]:
     """What the mouse takes hold of on a tube, and the springs that do; see `Engine.grab`."""
     if push:
-        reach = REACH * min(views[view].image.shape[:2])
+        axis = views[view].camera.project(tube.mean(axis=0))
+        reach = REACH * float(np.linalg.norm(np.diff(axis, axis=0), axis=1).sum())
         return Grip([], np.array([mouse]), np.ones(1)), [Spring(mouse, reach=reach, stiffness=PUSH, view=view)]
     nx, ns, _ = tube.shape
     i, j, far = round(point[0] * nx) % nx, round(point[1] * (ns - 1)), max(1, round(GRIP * (ns - 1)))

@@ -30,8 +30,8 @@ DEPTH_GAP = 0.25
 """Between two objects that the user puts one before the other [shorter sides of the image; depths, if perspective]."""
 STEPS_MOST = 1000
 """Steps that can be undone."""
-PAINTED = ("w20", "w11", "w02")
-"""Rigidities that are 0 where a crease is painted."""
+PAINTED = "w02"
+"""Rigidity that is 0 where a crease is painted: without that around, w20, nodes would have nothing to hold them round."""
 
 
 class Session:
@@ -229,14 +229,23 @@ class Session:
         items = [replace(old, colour=colour) if i.uid == uid else i for i in self.state.items]
         self._do("a colour", items, ("colour", uid))
 
-    def move(self, uid: int, by: int) -> None:
-        """Moves an object in the order of depth, `by` places away from the viewer."""
-        if len(self.views) > 1:
-            raise SceneError(self.source, "depth", "several views tell it", "draw the axis in two of them")
+    def _ranked(self, uid: int) -> tuple[list[Item], int]:
+        """Objects in the order of depth, the nearest first, and which one it is."""
         self.item(uid)
         ranked = sorted((i for i in self.state.items if i.is_tube), key=lambda i: i.depth)
+        return ranked, next((n for n, i in enumerate(ranked) if i.uid == uid), 0)
+
+    def place(self, uid: int) -> tuple[int, int]:
+        """Which one it is in the order of depth, 1 the nearest, and of how many."""
+        ranked, k = self._ranked(uid)
+        return k + 1, len(ranked)
+
+    def move(self, uid: int, by: int) -> None:
+        """Moves an object in the order of depth, `by` places away from the viewer; one drag is one step."""
+        if len(self.views) > 1:
+            raise SceneError(self.source, "depth", "several views tell it", "draw the axis in two of them")
+        ranked, k = self._ranked(uid)
         depths = [i.depth for i in ranked]
-        k = next((n for n, i in enumerate(ranked) if i.uid == uid), 0)
         to = min(max(k + by, 0), len(ranked) - 1)
         affine = self.view.camera.affine
         gap = DEPTH_GAP * (min(self.view.image.shape[:2]) * self.scenery.scale if affine else max(depths[0], 1e-6))
@@ -250,7 +259,7 @@ class Session:
         }
         for item in changed.values():
             self.scenery.check(item, self.state.top)
-        self._do("the order of depth", [changed.get(i.uid, i) for i in self.state.items])
+        self._do("the order of depth", [changed.get(i.uid, i) for i in self.state.items], ("depth", uid))
 
     def add_point(self, uid: int, point: Point, at: int | None = None, view: int = 0) -> None:
         """One more point (column, row) of the rough axis in a view, the last or before point `at`."""
@@ -318,13 +327,13 @@ class Session:
         return self.scenery.given(0, self.view.camera.project(axis[gap.argmin()]))
 
     def paint(self, uid: int, nodes: Sequence[tuple[int, int]]) -> None:
-        """Takes the rigidity away at nodes (around, along): there the surface may have an edge; one stroke is one step."""
+        """Takes the rigidity along s away at nodes (around, along): the surface may have an edge; one stroke is one step."""
         item = self.item(uid)
         material, (nx, ns) = dict(item.table.get("material", {})), item.table.get("grid", (25, 25))
         for i, j in nodes:
             if not (0 <= as_annotated(i, int) < nx and 0 <= as_annotated(j, int) < ns):
                 raise SceneError(self.source, "material", f"there is no node {i}, {j}", f"the grid has {nx} x {ns}")
-        for name in PAINTED:
+        for name in [PAINTED] + ["w11"] * ("w11" in material):  # which may not be more than the others allow
             values = as_field(name, material.get(name, getattr(Material(), name)), (nx, ns)).T
             for i, j in nodes:
                 values[i, j] = 0.0

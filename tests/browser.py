@@ -57,7 +57,23 @@ class Hand:
         before = session.state
         self.page.mouse.click(*self.at(place))
         self.wait(lambda: session.state is not before)
+        with self.studio.page.lock:  # the engine has heard of it
+            pass
         self.page.wait_for_timeout(250)  # two clicks at once are a double click
+
+    def in_space(self, point: Sequence[float] | np.ndarray) -> tuple[float, float]:
+        """Where in the window a point of the viewer's space lies."""
+        camera = next(iter(self.studio.server.get_clients().values())).camera
+        box = self.page.locator("canvas").first.bounding_box()
+        eye, up = np.array(camera.position), np.array(camera.up_direction)
+        ahead = camera.look_at - eye
+        ahead /= np.linalg.norm(ahead)
+        right = np.cross(ahead, up)
+        right /= np.linalg.norm(right)
+        way = np.asarray(point) - eye
+        zoom = box["height"] / (2 * np.tan(camera.fov / 2)) / (way @ ahead)
+        x, y = zoom * (way @ right), -zoom * (way @ np.cross(right, ahead))
+        return box["x"] + box["width"] / 2 + x, box["y"] + box["height"] / 2 + y
 
     def steady(self) -> None:
         """Waits until the eye stands where the panel leaves it room."""
@@ -78,9 +94,12 @@ class Hand:
         """Clicks a button by its words."""
         self.page.get_by_role("button", name=button, exact=True).click()
 
-    def drag(self, a: Sequence[float] | np.ndarray, b: Sequence[float] | np.ndarray, steps: int = 20) -> None:
-        """Takes the mouse from one image point to another and holds it there."""
-        a, b = np.array(self.at(a)), np.array(self.at(b))
+    def drag(
+        self, a: Sequence[float] | np.ndarray, b: Sequence[float] | np.ndarray, steps: int = 20, space: bool = False
+    ) -> None:
+        """Takes the mouse from one image point, or point in space, to another and holds it there."""
+        where = self.in_space if space else self.at
+        a, b = np.array(where(a)), np.array(where(b))
         self.page.mouse.move(*a)
         self.page.mouse.down()
         for k in range(1, steps + 1):
@@ -120,9 +139,8 @@ class Hand:
     def at_rest(self) -> None:
         """Waits until all models have been told to run and nothing moves."""
         engine = self.studio.engine
-        self.wait(lambda: engine.snapshots and all(part.go for part in engine._parts.values()))
-        self.wait(lambda: not engine.going(), 60.0)
-        engine.call(lambda: None).result(60)
+        self.wait(lambda: engine.snapshots and all(part.go for part in list(engine._parts.values())))
+        self.wait(lambda: not engine.call(engine.going).result(60), 60.0)
 
 
 @contextmanager

@@ -1,5 +1,7 @@
 """What the studio draws lies where it belongs: in the photograph by the scene's camera, in space by a similarity."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import viser
@@ -9,7 +11,9 @@ from symseek.sim.camera import Camera
 from symseek.sim.curve import evenly
 from symseek.sim.problem import View
 from symseek.sim.surface import occluding_contour
-from symseek.studio.drawing import COARSE, FINE, Drawing, Frame, _lines, away_from, material_point
+from symseek.studio.drawing import Drawing, Frame, away_from, material_point
+from symseek.studio.handle import away, handle, rate
+from symseek.studio.lines import COARSE, FINE, lines_of
 from symseek.studio.part import Snapshot
 
 T = np.linspace(0, 1, 25)
@@ -36,18 +40,31 @@ def snapshot(cuts=()) -> Snapshot:
 def test_the_contour_that_is_drawn_is_the_occluding_one(name, many):
     """Against the measured contour of the smooth surface; through 25 nodes less closely, at blunt ends least."""
     view = View(np.zeros((90, 120)), CAMERAS[name])
-    wire, contour = _lines(snapshot(), view, *(COARSE if many else FINE))
+    (wire, _), (contour, _), _ = lines_of([snapshot()], view, COARSE if many else FINE)
     truth = np.concatenate([evenly(p, 200, False) for p, _ in occluding_contour(TUBE, view.camera)])
     drawn = np.concatenate([(1 - t) * contour[:, 0] + t * contour[:, 1] for t in np.linspace(0, 1, 5)])
     radius = 12 * max(np.linalg.norm(view.camera.matrix[0, :3]), 1.0) if view.camera.affine else 12
     assert max(np.linalg.norm(p - drawn, axis=1).min() for p in truth) < (0.3 if many else 0.05) * radius, "all of it"
     assert max(np.linalg.norm(p - truth, axis=1).min() for p in drawn) < (0.15 if many else 0.05) * radius
-    assert len(wire) > 60
+    assert len(wire) > (20 if many else 60)
+
+
+def test_models_drawn_together_are_drawn_as_each_alone():
+    """Alike or not, open or parted, in the order that they are given in."""
+    rng = np.random.default_rng(2)
+    several = [replace(snapshot(cuts), tube=TUBE + rng.normal(size=3), spine=SPINE + rng.normal(size=3))
+               for cuts in ([], [(11, True)], [], [(5, False)])]  # fmt: skip
+    several[2] = replace(several[2], tube=several[2].tube[:, 2:-2], spine=several[2].spine[2:-2])
+    view = View(np.zeros((90, 120)), CAMERAS["perspective"])
+    singly = [lines_of([s], view, FINE) for s in several]
+    for (segments, which), *alone in zip(lines_of(several, view, FINE), *singly, strict=True):
+        assert np.array_equal(which, np.repeat(range(4), [len(lot) for lot, _ in alone])) and len(np.unique(which)) == 4
+        np.testing.assert_allclose(segments, np.concatenate([lot for lot, _ in alone]), atol=1e-9)
 
 
 def test_a_gap_is_not_drawn_across():
     view = View(np.zeros((90, 120)))
-    wire, contour = _lines(snapshot([(11, True)]), view, *FINE)
+    (wire, _), (contour, _), _ = lines_of([snapshot([(11, True)])], view, FINE)
     middle = SPINE[11:13].mean(axis=0)[0]
     for lines in (wire, contour):
         crossing = (lines[..., 0].min(axis=1) < middle) & (lines[..., 0].max(axis=1) > middle)
@@ -68,6 +85,18 @@ def test_models_in_space_keep_their_shape_and_lie_over_the_photograph(name):
     gap = frame.shown(near)[:, :2] - view.camera.project(near)
     slant = 0.3 * np.abs((near - frame.origin)[:, 2]).max() if name == "stereo" else 0.0  # the paper's (15) is oblique
     assert np.abs(gap).max() < slant * frame.scale + 1e-3
+
+
+def test_the_handle_stands_beside_the_middle_of_the_axis():
+    axis = np.array([[0.0, 0], [30, 0], [30, 10]])
+    foot, knob = handle(axis, 5.0)
+    np.testing.assert_allclose([foot, knob], [[20, 0], [20, -5]])
+    assert abs(away(axis, knob) - 5) < 1e-12 and abs(away(axis, np.array([33.0, 14.0])) - 5) < 1e-12
+    np.testing.assert_allclose(rate(CAMERAS["orthographic"], TUBE[0, 12]), [[2, 0, 0], [0, 2, 0]], atol=1e-6)
+    near = rate(
+        CAMERAS["perspective"], np.array([0.0, 45, -200])
+    )  # f / Z = 400 / 200, and the axis leads through the middle
+    np.testing.assert_allclose(near, [[2, 0, 0.6], [0, 2, 0]], atol=1e-3)
 
 
 def test_a_place_is_found_on_the_near_side():

@@ -13,6 +13,7 @@ import pytest
 
 import symseek
 from symseek import cli
+from symseek.scene import build
 from symseek.sim.spring import Spring
 from symseek.studio.engine import Engine
 from symseek.studio.keep import Folder
@@ -37,16 +38,13 @@ def show(engine: Engine, session: Session, fresh: bool = False) -> None:
 
 def rest(engine: Engine) -> dict[int, np.ndarray]:
     """Tubes once nothing moves."""
-    while engine.going():
-        engine.call(lambda: None).result(60)
-    engine.call(lambda: None).result(60)
+    while engine.call(engine.going).result(60):
+        pass
     return {uid: s.tube for uid, s in engine.snapshots.items()}
 
 
 def again(session: Session) -> np.ndarray:
     """The first tube as `symseek run` finds it."""
-    from symseek.scene import build
-
     scene = build(session.tables(), session.base, "again")
     return symseek.reconstruct(scene).objects[0].tube[0]
 
@@ -68,28 +66,44 @@ def test_a_live_run_ends_where_symseek_run_does(engine, session):
 
 
 def test_pulls_are_played_again_and_taken_back(engine, session):
-    """A pull in the image, a pin in space, a push: the same in a run from the start; without them it is as before."""
+    """A pull in the image, a pin in space, a push: the same in a run from the start; without them it is as before.
+
+    At given iterations, each with some in between: where a person's mouse was at which one is another path every time.
+    """
+
+    def hold(*how, **more):
+        engine.call(lambda: (engine._hold(1, *how, more.get("push", False), 0), engine._set_going(False))).result(60)
+        engine.step(7).result(60)
+
+    def let_go(pin=False):
+        made = engine.let_go(1, pin).result(60)
+        record(session, made)
+        show(engine, session)
+        return made
+
     show(engine, session, fresh=True)
     engine.run().result(60)
     first = rest(engine)[1]
     edge = first[6, 12]
-    engine.grab(1, (0.24, 0.5), edge[:2])
+    hold((0.24, 0.5), tuple(edge[:2]))
     for k in range(10):
         engine.drag(1, edge[:2] + k * np.array([1.5, -3.0])).result(60)
-    assert engine.going() and len(engine.snapshots[1].pulls) == 5
-    record(session, engine.let_go(1).result(60))
-    show(engine, session)
-    assert engine.snapshots[1].pulls == []
+        engine.step(12).result(60)
+    assert engine._parts[1].run.iteration == engine.snapshots[1].iteration and len(engine.snapshots[1].pulls) == 5
+    assert len(let_go()) == 50, "five springs at each of ten places"
+    engine.run().result(60)
     pulled = rest(engine)[1]
+    assert engine.snapshots[1].pulls == []
     near = first[12, 6]
-    engine.grab(1, (0.48, 0.25), near - np.array([0, 10, 15])).result(60)
-    record(session, engine.let_go(1, pin=True).result(60))
-    engine.grab(1, (0.0, 0.0), (300.0, 360.0), push=True).result(60)
+    hold((0.48, 0.25), tuple(near - np.array([0, 10, 15])))
+    let_go(pin=True)
+    hold((0.0, 0.0), (300.0, 360.0), push=True)
     engine.drag(1, (300.0, 350.0)).result(60)
-    record(session, engine.let_go(1).result(60))
-    show(engine, session)
+    engine.step(20).result(60)
+    let_go()
+    engine.run().result(60)
     last = rest(engine)[1]
-    assert np.abs(last - pulled).max() > 3
+    assert np.abs(last - pulled).max() > 3 and engine.snapshots[1].converged
     assert np.array_equal(last, again(session))
     session.undo()
     session.undo()
@@ -198,6 +212,32 @@ def test_two_objects_run_side_by_side(engine, tmp_path):
     session.remove(1)
     show(engine, session)
     assert set(engine.snapshots) == {2} and np.array_equal(rest(engine)[2], tubes[2])
+
+
+def test_objects_hide_each_other_in_their_order_of_depth(engine, tmp_path):
+    """What the nearer one covers is hidden from the further one, and a saved scene says the same."""
+    shutil.copy(SQUASH.parent / "squash.jpg", tmp_path)
+    axes = symseek.load(SQUASH).tubes[0].spine.tolist(), [[270, 190], [290, 270], [300, 350]]
+    objects = [f'[[object]]\nname = "{name}"\nspine = {axis}\n' for name, axis in zip("ab", axes, strict=True)]
+    text = '[solver]\niterations = 200\n[[view]]\nimage = "squash.jpg"\n'
+    (tmp_path / "two.toml").write_text("".join([text, *objects, "radius = 15.0\n"]))
+    session = Folder(tmp_path).open("two.toml")[0]
+    session.move(2, -1)
+    show(engine, session, fresh=True)
+
+    def hidden() -> list[bool]:
+        return [engine._parts[uid].run.scene.hidden[0][0] is not None for uid in (1, 2)]
+
+    engine.step(1).result(60)
+    assert session.place(2) == (1, 2) and hidden() == [True, False]
+    session.move(2, 1)
+    show(engine, session)
+    engine.step(1).result(60)
+    assert session.place(2) == (2, 2) and hidden() == [False, True]
+    engine.settle().result(60)
+    objects = symseek.reconstruct(build(session.tables(), session.base, "again")).objects
+    assert all(np.array_equal(engine.snapshots[uid].tube, objects[uid - 1].tube[0]) for uid in (1, 2))
+    assert hidden() == [False, True]
 
 
 def test_a_fault_in_the_thread_is_told_and_survived(engine, session):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -14,8 +16,10 @@ from symseek.scene import build
 from symseek.sim.track import track
 from symseek.studio.engine import Engine
 from symseek.studio.film import CACHED, Reel
-from symseek.studio.keep import Folder
+from symseek.studio.keep import AUTOSAVE, Folder
+from symseek.studio.serve import Studio
 from symseek.studio.session import Session
+from symseek.studio.shelf import Shelf
 from tests.test_studio_engine import show
 
 FINGER = cli.demos()["finger"]
@@ -50,8 +54,8 @@ def test_frames_by_number_are_those_in_turn(tmp_path):
 
 
 def wait(engine: Engine) -> None:
-    while engine.going():
-        engine.call(lambda: None).result(60)
+    while engine.call(engine.going).result(60):
+        pass
 
 
 def states(engine: Engine, session: Session, count: int = COUNT) -> np.ndarray:
@@ -118,6 +122,68 @@ def test_a_frame_is_put_right_and_the_film_goes_on(engine):
     session.set_weight(1, {"b": 0.2})
     show(engine, session)
     assert engine.frame == 0 and not engine.film.begun, "another first frame is another film"
+
+
+def test_a_studio_that_is_opened_again_goes_on_where_it_was(tmp_path):
+    """A frame put right and one after it come back to the bit, and the next is what a run finds; after a reset none do."""
+    shutil.copytree(FINGER.parent, tmp_path, dirs_exist_ok=True)
+    found: list[list[np.ndarray]] = []
+    for _ in range(2):
+        studio = Studio(["scene.toml"], tmp_path, port=0)
+        try:
+            page, engine = studio.page, studio.engine
+            wait(engine)
+            film = engine.film
+            assert film is not None and page.session is not None
+            engine.speed = 1e6
+            if not found:
+                assert film.count == 1 and not film.begun
+                film.reel.length = 3
+                page.film("Track")
+                wait(engine)
+                tube = engine.snapshots[1].tube
+                seen = page.session.view.camera.project(tube[:, 12])
+                engine.grab(1, (0.0, 0.5), seen[0]).result(60)
+                engine.drag(1, seen[0] + [5.0, 0.0]).result(60)
+                page.record(1, engine.let_go(1).result(60))
+                film.reel.length = 4
+                page.film("Track")
+                wait(engine)
+            assert film.count == 4 and engine.frame == 3
+            tubes = []
+            for k in range(4):
+                engine.see(k).result(60)
+                tubes.append(engine.snapshots[1].tube)
+            found.append(tubes)
+            if len(found) == 2:
+                assert np.array_equal(found[0], found[1])
+                film.reel.length = 5
+                page.film("Track")
+                wait(engine)
+                engine.see(4).result(60)
+                assert np.array_equal([*tubes, engine.snapshots[1].tube], again(page.session, 5))
+                page.run("Reset")
+                engine.call(lambda: None).result(60)
+                assert not (tmp_path / AUTOSAVE / "scene.toml.frames").exists()
+        finally:
+            studio.close()
+
+
+def test_frames_of_another_state_are_not_taken_up(tmp_path):
+    """Nor is what a studio that was killed has written by half."""
+    shelf, kind = Shelf(tmp_path / "x" / "a.frames"), np.dtype([("place", "<f4", 3)])
+    records = [np.full(1, k, kind) for k in range(4)]
+    for count in (2, 3, 2, 4):
+        shelf.keep("one", records[:count])
+        assert shelf.records("one", kind) == records[:count] and not shelf.records("two", kind)
+    shelf.keep("one", [*records[:2], np.full(1, 9, kind), records[3]])
+    assert [r["place"][0, 0] for r in shelf.records("one", kind)] == [0, 1, 9, 3]
+    shelf.path.write_bytes(shelf.path.read_bytes()[:-5])
+    assert len(Shelf(shelf.path).records("one", kind)) == 3
+    shelf.keep("two", records[:1])
+    assert shelf.has("two") and not shelf.has("one")
+    shelf.clear()
+    assert not shelf.has("two") and list(tmp_path.glob("x/*")) == []
 
 
 def test_springs_of_frames_belong_to_moving_scenes():

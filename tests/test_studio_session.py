@@ -380,8 +380,11 @@ def test_a_crease_is_painted(folder):
     session.paint(uid, [(3, 10), (3, 11)])
     session.paint(uid, [(4, 12)])
     material = session.item(uid).table["material"]
-    for name in ("w20", "w02"):
-        zero = np.argwhere(np.array(material[name]) == 0).tolist()
-        assert zero == [[3, 10], [3, 11], [4, 12]] and np.array(material[name]).shape == (25, 25)
+    zero = np.argwhere(np.array(material["w02"]) == 0).tolist()
+    assert zero == [[3, 10], [3, 11], [4, 12]] and np.array(material["w02"]).shape == (25, 25)
+    assert set(material) == {"w02"}, "rings stay round"
     session.undo()
     assert "material" not in session.item(uid).table, "one stroke and what follows at once are one step"
+    session.set_weight(uid, {"w11": 1e-7})
+    session.paint(uid, [(3, 10)])
+    assert np.argwhere(np.array(session.item(uid).table["material"]["w11"]) == 0).tolist() == [[3, 10]]
