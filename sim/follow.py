@@ -162,7 +162,7 @@ class Follower:
         scene, palette = self.scene, self.palettes[v]
         view = replace(scene.views[v], image=image, ignore=self._ignored(v, image.shape, tube, spine, wide))
         map_ = palette.map(view, tube, spine, wide)
-        space = ScaleSpace(view, view.camera, map_, scene.settings, FINE)
+        space = ScaleSpace(view, view.camera, map_, scene.settings, FINE, lean=True)
         potentials = [space.at(s, i == len(SCALES) - 1) for i, s in enumerate(self.sigmas[v])]
         return Look(view, space, potentials, Hidden.of(view.ignore), tube)
 
