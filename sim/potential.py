@@ -128,24 +128,28 @@ class ScaleSpace:
 
     Args:
         view, camera, map_, settings: of the tube in the view.
-        wide: most samples for the object's half width.
-        lean: in no more channels than tell the edges at the map's outline.
+        known: colours (h, w, channels) at the map's samples, for a quick look: where these are no finer than pixels
+            they serve, and no more channels than tell the edges at the map's outline.
     """
 
-    def __init__(
-        self, view: View, camera: Camera, map_: Foreground, settings: Settings, wide: float = WIDE, lean: bool = False
-    ):
+    def __init__(self, view: View, camera: Camera, map_: Foreground, settings: Settings, known: np.ndarray | None = None):
         self.settings, self.map = settings, map_
-        self.step = max(1.0, map_.half_width / wide)
+        quick = known if map_.step >= 1 else None
+        self.step = max(1.0, map_.half_width / WIDE) if quick is None else map_.step
         self.origin, extent = self._box()
-        cols, rows = (int(v) for v in np.floor(extent / self.step) + 1)
+        cols, rows = (int(v) for v in np.floor(extent / self.step + 1e-6) + 1)
         self.shape = (rows, cols)
-        self.image = self._sampled(view.image)
+        if quick is not None:
+            first = np.rint((self.origin - map_.origin) / self.step).astype(int)
+            here = slice(first[1], first[1] + rows), slice(first[0], first[0] + cols)
+            self.image, self.inside = quick[here], map_.inside[here]
+            self.shape = self.inside.shape
+        else:
+            self.image, self.inside = self._sampled(view.image), self._map_at_step()
         if settings.potential == "brightness":
             self.image = self.image[..., :1]
-        self.inside = self._map_at_step()
         self._outlines: dict[float, np.ndarray] = {}
-        if lean and self.image.shape[2] > 1:
+        if known is not None and self.image.shape[2] > 1:
             self.image = fewer(self.image, self._gate(1.0))
         self.sigmas = sigma_list(map_.half_width, self.step, settings.sigmas)
         self.known = None
@@ -184,6 +188,8 @@ class ScaleSpace:
             on = (m.axis - m.origin) / m.step
             first = np.maximum(first, np.minimum(hit.min(0, initial=w + h), on.min(0)) - around)
             last = np.minimum(last, np.maximum(hit.max(0, initial=0), on.max(0)) + around)
+        if self.step == m.step:
+            first, last = np.floor(first), np.ceil(last)
         origin, extent = np.array(m.origin) + first * m.step, np.maximum(last - first, 8.0) * m.step
         # between the pixels would blur a small image more than its finest sigma does
         whole = np.floor(origin) if self.step == 1 else origin
