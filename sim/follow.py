@@ -28,8 +28,8 @@ GIRTH = 1e-2
 as a finger's neighbour, does not widen it from frame to frame."""
 SCALES, MOVES = (-3, -2, -1), (1, 1, 1)
 """Which scales a frame is looked at by, and how many moves as a rod each takes; iterations go by the last."""
-DEGREE = 5
-"""Of a rod's moves, see `bend`."""
+DEGREE = 5, 16
+"""Least and most of a rod's moves, see `bend`; between them its length in widths: what is slender bends in more turns."""
 SMOOTH = 2.0
 """Rings over which the turn of a ring from frame to frame is averaged for its prediction."""
 LEAST_SEEN, LEAST_BACK = 0.85, 0.9
@@ -107,6 +107,8 @@ class Follower:
         self.profiles = [profile(view.image, view.camera.project(spine)) for view in scene.views]
         self.seen, self.off = [1.0], [0.0]
         self.seconds = 0.0
+        slender = max(palette.length / (2 * palette.half_width) for palette in self.palettes)
+        self.degree = int(np.clip(round(slender), *DEGREE))
         scene.hold_shares(HOLD)  # a bend changes them
         if scene.weights.materials[0].L1 is None:
             scene.weights.change(0, {"L1": scene.shape(0)["L1"], "k1": STRETCH})
@@ -296,7 +298,7 @@ class Follower:
         grid, spine = self.grid(tube).astype(float), spine.astype(float)
         closed = self.scene.tubes[0].material.closed
         if self.tracking.first != "none":
-            degree = 0 if self.tracking.first == "rigid" or (self.lost and not anew) else DEGREE
+            degree = 0 if self.tracking.first == "rigid" or (self.lost and not anew) else self.degree
             for i, count in enumerate(MOVES):
                 potentials = [look.potentials[i] for look in looks]
                 for _ in range(count + (4 if self.lost and i == 0 else 0)):
