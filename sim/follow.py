@@ -28,7 +28,7 @@ GIRTH = 1e-2
 as a finger's neighbour, does not widen it from frame to frame."""
 SCALES, MOVES = (-3, -2, -1), (1, 1, 1)
 """Which scales a frame is looked at by, and how many moves as a rod each takes; iterations go by the last."""
-DEGREE = 5, 16
+DEGREE = 5, 10
 """Least and most of a rod's moves, see `bend`; between them its length in widths: what is slender bends in more turns."""
 SMOOTH = 2.0
 """Rings over which the turn of a ring from frame to frame is averaged for its prediction."""
