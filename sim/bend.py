@@ -1,7 +1,7 @@
 """Rigid first, then deformable (section 4.3): a few moves of the whole tube, as a rigid body or as a rod that bends.
 
-Each ring moves rigidly, by c + w x (p - spine), with c and w polynomials along the spine; of degree 0 the tube as a whole.
-What the contours of all views are off by, least squares make up for (Gauss and Newton).
+Each ring moves rigidly, by c + w x (p - spine), with c and w polynomials along the spine; of degree 0 all of the tube does,
+about its middle. What the contours of all views are off by, least squares make up for (Gauss and Newton).
 """
 
 from __future__ import annotations
@@ -70,11 +70,12 @@ def bend(
         return tube, spine
     u = 2 * place / length - 1
     basis = np.polynomial.legendre.legvander(u, degree)
+    pivot = spine if degree > 0 else np.broadcast_to(spine.mean(axis=0), spine.shape)
     rows, off = [], []
     for seen in outlines(tube, cameras, potentials, sizes, closed, hidden):
         if len(seen.at):
             root = np.sqrt(seen.share)
-            own = np.concatenate([seen.slope, cross(seen.points - _between(spine, seen.at), seen.slope)], axis=1)
+            own = np.concatenate([seen.slope, cross(seen.points - _between(pivot, seen.at), seen.slope)], axis=1)
             own *= root[:, None]
             rows.append((_between(basis, seen.at)[:, :, None] * own[:, None]).reshape(len(own), -1))
             off.append(root * seen.way)
@@ -102,8 +103,7 @@ def bend(
     matrix = a.T @ a + STEADY * scale**2 * np.diag(grow * size**2)
     x = np.linalg.solve(matrix, a.T @ d).reshape(degree + 1, 6)
     step, turn = basis @ x[:, :3], basis @ x[:, 3:]
-    moved = spine + step
-    return moved[None] + _turned(tube - spine, turn), moved
+    return pivot + step + _turned(tube - pivot, turn), pivot + step + _turned((spine - pivot)[None], turn)[0]
 
 
 def outlines(
