@@ -66,6 +66,7 @@ class Finger:
         along: the finger lies along the line between the eyes, from the left border, rather than across it, from the lower
             one: outlines along that line are the same for every depth, which then ends, bends and shading hardly tell.
         noise: standard deviation of the images' noise.
+        bending: share of its flexion; 0: it is rigid, as bent as it is least.
 
     Attributes:
         cameras: of both views.
@@ -87,8 +88,9 @@ class Finger:
         cut: bool = True,
         along: bool = False,
         noise: float = 0.01,
+        bending: float = 1.0,
     ):
-        self.seed, self.frames, self.noise = seed, frames, noise
+        self.seed, self.frames, self.noise, self.bending = seed, frames, noise, bending
         shape_rng, pose_rng, click_rng = (np.random.default_rng([seed, k]) for k in range(3))
         self.length = LENGTH + BEYOND * cut
         self._before = BEYOND * cut
@@ -174,7 +176,7 @@ class Finger:
         along = (at * self.length - self._before) / LENGTH
         heading = self._sway[0] * np.sin(p + self._phase[0]) * np.ones_like(at)
         for (least, most), place, lag in zip(FLEXION, JOINTS, (0.0, 0.4), strict=True):
-            angle = np.radians(least + (most - least) * 0.5 * (1 - np.cos(p + lag)))
+            angle = np.radians(least + self.bending * (most - least) * 0.5 * (1 - np.cos(p + lag)))
             heading += angle * 0.5 * (1 + np.tanh((along - place) / SOFT))
         d = np.stack([np.cos(heading), np.sin(heading)], axis=1)
         line = np.concatenate([np.zeros((1, 2)), np.cumsum((d[1:] + d[:-1]) / 2, axis=0)]) * self.length / 1600

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -32,7 +33,7 @@ class Camera:
         """K (3, 3), R (3, 3), t (3,), world to camera."""
         return cls(np.asarray(K, float) @ np.column_stack([np.asarray(R, float), np.asarray(t, float)]))
 
-    @property
+    @cached_property
     def affine(self) -> bool:
         """Whether all lines of sight are parallel."""
         return bool(np.allclose(self.matrix[2, :3], 0.0))
@@ -51,12 +52,9 @@ class Camera:
 
     def sight(self, points: np.ndarray) -> np.ndarray:
         """Unit vectors i of (12) along the line of sight to each world point, away from the viewer, (..., 3)."""
-        m = self.matrix
         if self.affine:
-            d = np.cross(m[0, :3], m[1, :3])
-            return np.broadcast_to(d / np.linalg.norm(d), points.shape)
-        centre = -np.linalg.solve(m[:, :3], m[:, 3])
-        d = points - centre
+            return np.broadcast_to(self._ahead, points.shape)
+        d = points - self._centre
         return d / np.linalg.norm(d, axis=-1, keepdims=True)
 
     def depth(self, points: np.ndarray) -> np.ndarray:
@@ -67,5 +65,15 @@ class Camera:
         """Depth of world points (..., 3): along the axis from the origin (affine), from the focal point otherwise."""
         if self.affine:
             return points @ self.sight(np.zeros(3))
-        m = self.matrix
-        return np.linalg.norm(points + np.linalg.solve(m[:, :3], m[:, 3]), axis=-1)
+        return np.linalg.norm(points - self._centre, axis=-1)
+
+    @cached_property
+    def _ahead(self) -> np.ndarray:
+        """Direction of all lines of sight, shape (3,), of an affine camera."""
+        d = np.cross(self.matrix[0, :3], self.matrix[1, :3])
+        return d / np.linalg.norm(d)
+
+    @cached_property
+    def _centre(self) -> np.ndarray:
+        """Where all lines of sight meet, shape (3,), of another."""
+        return -np.linalg.solve(self.matrix[:, :3], self.matrix[:, 3])

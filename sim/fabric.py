@@ -17,6 +17,7 @@ class Fabric:
     Attributes:
         time: of the solver, the sum of the time steps of its nodes.
         springs: none, but where a scene has them.
+        resting: it stands still, and the next step with mass is its first.
         unit, origin: of the model's lengths and coordinates, in the world's.
     """
 
@@ -27,6 +28,7 @@ class Fabric:
         self.state = State(model)
         self.weights = Weights(model, [t.material for t in tubes], [t.breaks for t in tubes])
         self.springs = Springs([], np.zeros(0), device)
+        self.resting = True
         self.unit, self.origin, self.time = unit, np.zeros(3) + origin, 0.0
 
     def world(self, k: int) -> tuple[np.ndarray, np.ndarray]:
@@ -80,3 +82,15 @@ class Fabric:
         self.state.age.zero_()
         self.state.velocity.zero_()
         self.state.spine_velocity.zero_()
+        self.resting = True
+
+    def halve_first_step(self, h: float) -> None:
+        """Takes half of a step h with mass back: it began at rest, not from half a step ago.
+
+        Whole, it would leave a stiff part of the shape three times as far on the other side.
+        """
+        s = self.state
+        for place, velocity in ((s.tube, s.velocity), (s.spine, s.spine_velocity)):
+            half = 0.5 * velocity.numpy()
+            velocity.assign(half)
+            place.assign(place.numpy() - np.float32(h) * half)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import ndimage
 
-from .bend import bend, contour, linearised, look_up
+from .bend import bend, cross, outlines
 from .beyond import capped, part, past, places
 from .hidden import Hidden
 from .loop import HOST
@@ -28,8 +28,8 @@ GIRTH = 1e-2
 as a finger's neighbour, does not widen it from frame to frame."""
 SCALES, MOVES = (-3, -2, -1), (1, 1, 1)
 """Which scales a frame is looked at by, and how many moves as a rod each takes; iterations go by the last."""
-DEGREE = 5
-"""Of a rod's moves, see `bend`."""
+DEGREE = 5, 10
+"""Least and most of a rod's moves, see `bend`; between them its length in widths: what is slender bends in more turns."""
 SMOOTH = 2.0
 """Rings over which the turn of a ring from frame to frame is averaged for its prediction."""
 LEAST_SEEN, LEAST_BACK = 0.85, 0.9
@@ -40,8 +40,6 @@ NEAR = 0.6
 """How near its edges the contour counts as there in any case when it is to be taken up again [px]."""
 MOST_OUT = 0.5
 """Share of the silhouette that may lie beyond the image."""
-FINE = 20.0
-"""Samples for an object's half width in a frame's potentials: a tenth of the work of a still picture's."""
 DIVERGED = "lost: the solver diverged"
 REACHES = (3.0, 6.0)
 """How far about it is looked for what is not where it was predicted, in half widths, one after the other."""
@@ -104,11 +102,13 @@ class Follower:
         self.states, self.notes = [scene.positions()], [""]
         tube, spine = self.world(self.states[0])
         pairs = zip(self.palettes, scene.own_views[0], strict=True)
-        self.whole = [palette.seen(palette.map(view, tube, spine), tube) for palette, view in pairs]
+        self.whole = [palette.seen(palette.map(view, tube, spine)[0], tube) for palette, view in pairs]
         self.straight = not folded(tube, spine)
         self.profiles = [profile(view.image, view.camera.project(spine)) for view in scene.views]
         self.seen, self.off = [1.0], [0.0]
         self.seconds = 0.0
+        slender = max(palette.length / (2 * palette.half_width) for palette in self.palettes)
+        self.degree = int(np.clip(round(slender), *DEGREE))
         scene.hold_shares(HOLD)  # a bend changes them
         if scene.weights.materials[0].L1 is None:
             scene.weights.change(0, {"L1": scene.shape(0)["L1"], "k1": STRETCH})
@@ -161,8 +161,8 @@ class Follower:
         """Map and potentials of an image of view v about a tube."""
         scene, palette = self.scene, self.palettes[v]
         view = replace(scene.views[v], image=image, ignore=self._ignored(v, image.shape, tube, spine, wide))
-        map_ = palette.map(view, tube, spine, wide)
-        space = ScaleSpace(view, view.camera, map_, scene.settings, FINE)
+        map_, known = palette.map(view, tube, spine, wide)
+        space = ScaleSpace(view, view.camera, map_, scene.settings, known)
         potentials = [space.at(s, i == len(SCALES) - 1) for i, s in enumerate(self.sigmas[v])]
         return Look(view, space, potentials, Hidden.of(view.ignore), tube)
 
@@ -298,7 +298,7 @@ class Follower:
         grid, spine = self.grid(tube).astype(float), spine.astype(float)
         closed = self.scene.tubes[0].material.closed
         if self.tracking.first != "none":
-            degree = 0 if self.tracking.first == "rigid" or (self.lost and not anew) else DEGREE
+            degree = 0 if self.tracking.first == "rigid" or (self.lost and not anew) else self.degree
             for i, count in enumerate(MOVES):
                 potentials = [look.potentials[i] for look in looks]
                 for _ in range(count + (4 if self.lost and i == 0 else 0)):
@@ -322,21 +322,13 @@ class Follower:
         grid, closed = self.grid(state[0]).astype(float), self.scene.tubes[0].material.closed
         tube, _ = self.world(state)
         seen, off, out = [], [], []
-        parts = zip(self.palettes, self.whole, self.cameras, self.scene.views, looks, strict=True)
-        for palette, whole, own, view, look in parts:
+        last, sizes = [look.potentials[-1] for look in looks], [look.view.image.shape[:2] for look in looks]
+        found = outlines(grid, self.cameras, last, sizes, closed, [look.hidden for look in looks])
+        for palette, whole, look, contour, (h, w) in zip(self.palettes, self.whole, looks, found, sizes, strict=True):
             seen.append(palette.seen(look.space.map, tube) / max(whole, 1e-9))
-            points = view.camera.project(tube)
-            h, w = view.image.shape[:2]
+            points = look.view.camera.project(tube)
             out.append(float(((points < 0) | (points > [w - 1, h - 1])).any(axis=-1).mean()))
-            _, at, normal, share = contour(grid, own, view.image.shape[:2], closed, look.hidden)
-            if not len(at):
-                off.append(np.inf)
-                continue
-            pixels, slope = linearised(own, at)
-            m = np.einsum("nij,nj->ni", slope, normal)
-            m /= np.maximum(np.linalg.norm(m, axis=1, keepdims=True), 1e-12)
-            value = look_up(look.potentials[-1], pixels)
-            way = float((share**2 * np.abs((value[:, :2] * m).sum(axis=1) + value[:, 2])).sum())
+            way = float((contour.share * np.abs(contour.way)).sum()) if len(contour.at) else np.inf
             off.append(way / palette.half_width)
         least, most = min(seen), max(off)
         before, _ = self.world(self.states[-1])
@@ -371,6 +363,6 @@ def turns(old: np.ndarray, new: np.ndarray) -> np.ndarray:
     """Least rotations (N_s, 3, 3) that take the tangents of one spine (N_s, 3) to those of another."""
     a, b = (ndimage.gaussian_filter1d(np.gradient(s, axis=0), SMOOTH, axis=0, mode="nearest") for s in (old, new))
     a, b = (t / np.maximum(np.linalg.norm(t, axis=1, keepdims=True), 1e-30) for t in (a, b))
-    axis, cosine = np.cross(a, b), (a * b).sum(axis=1)
-    cross = np.cross(np.eye(3)[None], axis[:, None])
-    return np.eye(3) + cross + cross @ cross / (1 + np.maximum(cosine, -0.99))[:, None, None]
+    axis, cosine = cross(a, b), (a * b).sum(axis=1)
+    turn = cross(np.eye(3)[None], axis[:, None])
+    return np.eye(3) + turn + turn @ turn / (1 + np.maximum(cosine, -0.99))[:, None, None]

@@ -13,10 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 from scipy.interpolate import make_interp_spline
-from skimage import color, measure, transform
+from skimage import color, measure
 from threadpoolctl import threadpool_limits
 
 from .ribbon import ribbon
+from .sampling import resample
 from .walk import Walk
 
 AXIS = 130.0
@@ -111,17 +112,6 @@ def colours(image: np.ndarray) -> np.ndarray:
     if np.abs(np.diff(image, axis=2)).max() < 1e-3:
         return image[..., :1].astype(np.float32)
     return (color.rgb2lab(image) / np.array([100.0, 180.0, 180.0])).astype(np.float32)
-
-
-def resample(values: np.ndarray, origin: np.ndarray, step: float, shape: tuple[int, int]) -> np.ndarray:
-    """Values at image points origin + step * (column, row), antialiased when step > 1; border values beyond the image."""
-    if step > 1:
-        sigma = 0.5 * np.sqrt(step**2 - 1)
-        values = ndimage.gaussian_filter(values, (sigma, sigma) + (0,) * (values.ndim - 2), mode="nearest", truncate=3)
-    rows = origin[1] + step * np.arange(shape[0])
-    cols = origin[0] + step * np.arange(shape[1])
-    matrix = transform.AffineTransform(scale=(step, step), translation=(cols[0], rows[0]))
-    return transform.warp(values, matrix, output_shape=shape, order=1, mode="edge", preserve_range=True).astype(np.float32)
 
 
 def tinted(x: np.ndarray) -> np.ndarray:

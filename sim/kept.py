@@ -94,6 +94,7 @@ def put_back(followers: Sequence[Follower], records: np.ndarray, first: bool = F
             scene.rewind(follower.states[-1])
             scene.state.velocity.assign(own["velocity"])
             scene.state.spine_velocity.assign(own["spine_velocity"])
+            scene.resting = not (own["velocity"].any() or own["spine_velocity"].any())
             scene.time = float(own["time"])
 
 

@@ -91,7 +91,15 @@ class Loop:
             if not self.solver.captured:
                 with HOST:
                     self._step()
+            if self.scene.resting:
+                with HOST:
+                    self._start()
             self.scene.time += self.solver.dt
+
+    def _start(self) -> None:
+        self.scene.resting = False
+        if self.solver.mass:
+            self.scene.halve_first_step(self.solver.dt)
 
     def residual(self) -> float:
         """Residual force of place and radius, root mean square over all rings [initial spine lengths]."""

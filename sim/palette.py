@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from scipy import ndimage
 
-from .foreground import BINS, FINE, FINEST, ROUND, SHAPE, Foreground, colours, histogram, resample, tinted
+from .foreground import BINS, FINE, FINEST, ROUND, SHAPE, Foreground, colours, histogram, tinted
 from .problem import View
+from .sampling import resample
 from .surface import silhouette
 
 AROUND = 2.0
@@ -33,6 +34,7 @@ class Palette:
         self.step = max(map_.half_width / FINE, FINEST)
         low, high = map_.axis.min(axis=0), map_.axis.max(axis=0)
         x, origin = self._sampled(view.image, low, high, AROUND * self.half_width)
+        x = tinted(x)
         rows, cols = (np.arange(n) * self.step + origin[1 - i] for i, n in enumerate(x.shape[:2]))
         at = np.meshgrid((rows - map_.origin[1]) / map_.step, (cols - map_.origin[0]) / map_.step, indexing="ij")
         mine = ndimage.map_coordinates(map_.inside, at, order=1, mode="constant") > 0.5
@@ -42,8 +44,8 @@ class Palette:
         fore, back = (histogram(cells, part & known, x.shape[2]) for part in (mine, ~mine))
         self.ratio = np.clip(np.log((fore + 1e-7) / (back + 1e-7)), -2 * SURE, 2 * SURE).astype(np.float32)
 
-    def map(self, view: View, tube: np.ndarray, spine: np.ndarray, wide: float = 1.0) -> Foreground:
-        """The map of another frame.
+    def map(self, view: View, tube: np.ndarray, spine: np.ndarray, wide: float = 1.0) -> tuple[Foreground, np.ndarray]:
+        """The map of another frame, and the colours (h, w, channels) of its samples.
 
         Args:
             view: its image and what is not to be looked at; there the map is the tube's own silhouette.
@@ -57,13 +59,14 @@ class Palette:
         shape = (x.shape[0], x.shape[1])
         within = silhouette((points - origin) / self.step, shape)
         depth = signed_depth(within) * self.step / (wide * SLACK * self.half_width)
-        odds = np.where(_known(view, origin, self.step, shape), 0.5 * self.ratio[self._cells(x)], 0.0)
+        odds = np.where(_known(view, origin, self.step, shape), 0.5 * self.ratio[self._cells(tinted(x))], 0.0)
         odds = ndimage.gaussian_filter(odds, BLUR, mode="nearest")
         odds += SHAPE * np.sign(depth) * np.maximum(np.abs(depth) - 0.5, 0)
         inside = 1 / (1 + np.exp(-np.clip(2 * odds, -30, 30)))
         inside = ndimage.gaussian_filter(inside, ROUND, mode="nearest").astype(np.float32)
         axis = self.camera.project(spine)
-        return Foreground(inside, self.step, (float(origin[0]), float(origin[1])), self.length, self.half_width, axis)
+        place = (float(origin[0]), float(origin[1]))
+        return Foreground(inside, self.step, place, self.length, self.half_width, axis), x
 
     def odds(self, image: np.ndarray, origin: np.ndarray, step: float, shape: tuple[int, int]) -> np.ndarray:
         """Log odds of the colours at samples of an image from an image point on; beyond the image least."""
@@ -94,7 +97,7 @@ class Palette:
         last = np.clip(np.ceil(high + margin), first + 8, [w - 1, h - 1]).astype(int)
         part = image[first[1] : last[1] + 1, first[0] : last[0] + 1]
         cols, rows = np.maximum(((last - first) / self.step + 1).astype(int), 8)
-        return tinted(colours(resample(part, np.zeros(2), self.step, (rows, cols)))), first.astype(float)
+        return colours(resample(part, np.zeros(2), self.step, (rows, cols))), first.astype(float)
 
     def _cells(self, x: np.ndarray) -> np.ndarray:
         q = np.clip(((x - self.low) / self.bin).astype(int), 0, BINS[x.shape[2]] - 1)

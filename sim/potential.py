@@ -11,8 +11,9 @@ from scipy import ndimage
 from scipy.special import gamma
 
 from .camera import Camera
-from .foreground import Foreground, colours, resample
+from .foreground import Foreground, colours
 from .problem import Settings, View
+from .sampling import resample
 
 WIDE = 64.0
 """Most samples for an object's half width: finer images are sampled down, so that work does not grow with them."""
@@ -44,6 +45,8 @@ ON = 0.3
 """How far from an edge what is averaged may lie [blurs]."""
 STRAY = 0.06
 """How far what shading adds may depart from that average [blurs]."""
+UNTOLD = 0.02
+"""Share of the edges' squares that may be left out with channels, where they are."""
 LIMB = float(np.sqrt(2) * gamma(0.75) / gamma(0.25))
 """Pull of a root of the distance to an edge, at the edge [sigmas]: grad P / P of its slope, convolved with a Gaussian."""
 
@@ -108,19 +111,46 @@ def _derivatives(sigma: float) -> tuple[np.ndarray, np.ndarray]:
     return once / (once * x).sum(), 2 * twice / (twice * x**2).sum()
 
 
-class ScaleSpace:
-    """The image round one tube in one view, and its potentials at any sigma."""
+def fewer(image: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """An image (h, w, channels) in as few channels as tell its edges where they have weight (h, w), but for `UNTOLD`.
 
-    def __init__(self, view: View, camera: Camera, map_: Foreground, settings: Settings, wide: float = WIDE):
+    Turning the space of colours changes no sum over channels of squares of derivatives.
+    """
+    ways = np.stack([np.diff(image, axis=1)[:-1], np.diff(image, axis=0)[:, :-1]]) * weight[:-1, :-1, None]
+    ways = ways.reshape(-1, image.shape[2])
+    squares, axes = np.linalg.eigh((ways.T @ ways).astype(float))
+    first = int((np.cumsum(squares) <= UNTOLD * squares.sum()).sum())
+    return image @ axes[:, min(first, len(squares) - 1) :].astype(np.float32) if first else image
+
+
+class ScaleSpace:
+    """The image round one tube in one view, and its potentials at any sigma.
+
+    Args:
+        view, camera, map_, settings: of the tube in the view.
+        known: colours (h, w, channels) at the map's samples, for a quick look: where these are no finer than pixels
+            they serve, and no more channels than tell the edges at the map's outline.
+    """
+
+    def __init__(self, view: View, camera: Camera, map_: Foreground, settings: Settings, known: np.ndarray | None = None):
         self.settings, self.map = settings, map_
-        self.step = max(1.0, map_.half_width / wide)
+        quick = known if map_.step >= 1 else None
+        self.step = max(1.0, map_.half_width / WIDE) if quick is None else map_.step
         self.origin, extent = self._box()
-        cols, rows = (int(v) for v in np.floor(extent / self.step) + 1)
+        cols, rows = (int(v) for v in np.floor(extent / self.step + 1e-6) + 1)
         self.shape = (rows, cols)
-        self.image = self._sampled(view.image)
+        if quick is not None:
+            first = np.rint((self.origin - map_.origin) / self.step).astype(int)
+            here = slice(first[1], first[1] + rows), slice(first[0], first[0] + cols)
+            self.image, self.inside = quick[here], map_.inside[here]
+            self.shape = self.inside.shape
+        else:
+            self.image, self.inside = self._sampled(view.image), self._map_at_step()
         if settings.potential == "brightness":
             self.image = self.image[..., :1]
-        self.inside = self._map_at_step()
+        self._outlines: dict[float, np.ndarray] = {}
+        if known is not None and self.image.shape[2] > 1:
+            self.image = fewer(self.image, self._gate(1.0))
         self.sigmas = sigma_list(map_.half_width, self.step, settings.sigmas)
         self.known = None
         if view.ignore is not None:
@@ -130,6 +160,7 @@ class ScaleSpace:
     def _half(self) -> ScaleSpace:
         """The same at half the samples a side."""
         half = copy.copy(self)
+        half._outlines = {}
         vars(half).pop("_depth", None)
         half.step = 2 * self.step
         half.shape = ((self.shape[0] + 1) // 2, (self.shape[1] + 1) // 2)
@@ -162,6 +193,8 @@ class ScaleSpace:
             on = (m.axis - m.origin) / m.step
             first = np.maximum(first, np.minimum(hit.min(0, initial=w + h), on.min(0)) - around)
             last = np.minimum(last, np.maximum(hit.max(0, initial=0), on.max(0)) + around)
+        if self.step == m.step:
+            first, last = np.floor(first), np.ceil(last)
         origin, extent = np.array(m.origin) + first * m.step, np.maximum(last - first, 8.0) * m.step
         # between the pixels would blur a small image more than its finest sigma does
         whole = np.floor(origin) if self.step == 1 else origin
@@ -169,9 +202,13 @@ class ScaleSpace:
 
     def _map_at_step(self) -> np.ndarray:
         m = self.map
-        cols, rows = ((self.origin[i] - m.origin[i] + self.step * np.arange(self.shape[1 - i])) / m.step for i in (0, 1))
-        grid = np.meshgrid(rows, cols, indexing="ij")
-        return ndimage.map_coordinates(self.map.inside, grid, order=1, mode="nearest").astype(np.float32)
+        return resample(m.inside, (self.origin - m.origin) / m.step, self.step / m.step, self.shape, smooth=False)
+
+    def _outline(self, sigma: float) -> np.ndarray:
+        """The map smoothed by sigma [samples]; asked for again and again."""
+        if sigma not in self._outlines:
+            self._outlines[sigma] = self._smooth(self.inside, sigma)
+        return self._outlines[sigma]
 
     def _smooth(self, values: np.ndarray, sigma: float) -> np.ndarray:
         axes = (sigma, sigma) + (0,) * (values.ndim - 2)
@@ -217,7 +254,7 @@ class ScaleSpace:
         s = sigma / self.step
         if self.settings.potential != "map":
             return self._edged(sigma, 1.0, None, finest)
-        sure = 2 * self._smooth(self.inside, s) - 1
+        sure = 2 * self._outline(s) - 1
         if sigma <= MAP_LED * self.map.half_width or self.settings.force == "paper":
             return self._edged(sigma, self._gate(s), sure, finest)
         nothing = np.zeros_like(sure)
@@ -268,7 +305,7 @@ class ScaleSpace:
         # at the edge alone, where twice the blur halves a step and takes 1 / sqrt(2) of a root; beside it both grow
         at_edge = np.clip((p / (p_wide + 1e-12) - 1) / (two - 1), 0, 1)
         # shading changes slowly along the outline, texture and clutter do not
-        rows, cols = np.gradient(self._smooth(self.inside, GATE * self.map.step / self.step))
+        rows, cols = np.gradient(self._outline(GATE * self.map.step / self.step))
         normal = np.stack([cols, rows]) / (np.hypot(cols, rows) + 1e-12)
         across = (change * normal).sum(axis=0) * (blur * LIMB * y / (1 + y) / size)
         off = (pull * normal).sum(axis=0) - at_edge * across
@@ -297,14 +334,14 @@ class ScaleSpace:
 
     def _pole(self, sigma: float, sure: np.ndarray) -> np.ndarray:
         """Push on a pole [px]; none on a plain outline, where the contour has its own force and a push would slide it."""
-        wide = max(sigma, GATE * self.map.step) / self.step
-        slope = np.hypot(*np.gradient(self._smooth(self.inside, wide), axis=(0, 1)))
+        wide = max(sigma / self.step, GATE * self.map.step / self.step)
+        slope = np.hypot(*np.gradient(self._outline(wide), axis=(0, 1)))
         plain = np.sqrt(2 * np.pi) * wide * slope
         return max(sigma, 2.5 * self.step) * sure * np.clip(1 - plain, 0, 1)
 
     def _gate(self, s: float) -> np.ndarray:
         """1 near the map's outline, 0 away from it; flat across it, so that the edges alone say where it is."""
-        wide = self._smooth(self.inside, max(s, GATE * self.map.step / self.step))
+        wide = self._outline(max(s, GATE * self.map.step / self.step))
         gate = np.clip((0.5 - np.abs(wide - 0.5)) / 0.15, 0, 1)
         return gate * gate * (3 - 2 * gate)
 

@@ -8,7 +8,8 @@ from scipy import ndimage
 from threadpoolctl import threadpool_limits
 
 from . import foreground as walker
-from .foreground import Foreground, colours, resample
+from .foreground import Foreground, colours
+from .sampling import resample
 from .walk import Walk
 
 ACROSS = 110.0

@@ -186,7 +186,9 @@ class Relaxation:
             self.pictures.append(self.potentials[0][0].picture)
         self.sigma = self._sigmas[self.stage][0][0]
         with HOST:
-            scene.weights.share = max(LEAST_SHARE, (self.sigma / self._sigmas[0][0][0]) ** 2)
+            # what is few pixels wide has few scales: at the last it bends as freely as what is large
+            share = 0.0 if self.last else (self.sigma / self._sigmas[0][0][0]) ** 2
+            scene.weights.share = max(LEAST_SHARE, share)
             scene.set_potentials(self.potentials)
             if self.stage > 0:
                 scene.deal()

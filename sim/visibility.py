@@ -270,7 +270,7 @@ def _meetings(owner: np.ndarray, number: int, hides: np.ndarray) -> np.ndarray:
         e[1:] |= apart
     around = np.ones((3, 3), bool)
     edge &= ndimage.binary_dilation(owner == number, around)
-    edge[ndimage.binary_dilation(hides, around, iterations=2)] = False
+    edge &= np.logical_not(ndimage.binary_dilation(hides, around, iterations=2))
     return np.argwhere(edge)[:, ::-1]
 
 

@@ -46,6 +46,7 @@ class Weights:
         self.cuts: list[list[Cut]] = [[] for _ in materials]
         self.spine_cuts: list[list[Cut]] = [[] for _ in materials]
         self._host: dict[str, np.ndarray] = {}
+        self._lasting: dict[int, dict[str, Any]] = {}
 
     def change(self, k: int, values: Mapping[str, Any]) -> None:
         """Changes weights of tube k, from the next `write` on.
@@ -158,6 +159,13 @@ class Weights:
 
     def _fields(self, k: int, time: float) -> dict[str, Any]:
         """All fields of tube k, discontinuities written in as zeros; None where a natural shape is not given."""
+        if self.stale or self.timed:
+            self._lasting.clear()
+        if k not in self._lasting:
+            self._lasting[k] = self._made(k, time)
+        return {name: None if field is None else field.copy() for name, field in self._lasting[k].items()}
+
+    def _made(self, k: int, time: float) -> dict[str, Any]:
         grid = self.model.grids[k]
         values = {name: getattr(self.materials[k], name) for name in PLACES}
         f: dict[str, Any] = {n: None if v is None else as_field(n, v, grid, time).copy() for n, v in values.items()}

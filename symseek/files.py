@@ -185,7 +185,7 @@ def _overlay(result: Result, v: int) -> np.ndarray:
     view, several = result.scene.views[v], len(result.scene.views) > 1
     drawings = [
         _drawing(
-            tube if v == 0 or tube.spine.shape[1] == 3 else None,
+            tube if len(o.tube) == 1 and (v == 0 or tube.spine.shape[1] == 3) else None,  # given in the first frame
             view.camera, o.tube[-1], o.spine[-1], o.seen[v].contour, o.seen[v].support, o.cuts, o.seen[v].hidden, colour,
         )
         for tube, o, colour in zip(result.scene.tubes, result.objects, _contours(result), strict=False)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.spatial import KDTree
 
 from .frames import together
 from .render.animation import write_animated_glb, write_usd
@@ -18,7 +19,10 @@ from .render.overlay import Drawing, Photo, draw, line_width
 from .render.platform import RenderError
 from .render.raster import Renderer, Viewpoint, bounding_sphere
 from .render.video import write_mp4
+from .sim.beyond import between, places
+from .sim.camera import Camera
 from .sim.measure import arc_length
+from .sim.problem import Tube
 from .sim.result import ObjectResult
 from .sim.surface import occluding_contour, refine, volume_and_area, wire
 
@@ -99,11 +103,12 @@ def _film(result: Result) -> Iterator[np.ndarray]:
             photo = Photo(shown, PANEL)
             over = photo.picture.copy()
             drawings = []
-            for o in objects:
+            for tube, o in zip(scene.tubes, objects, strict=True):
                 lines = [camera.project(line) for line in wire(o.tube[i], cuts=o.cuts)]
                 contour = [points for points, _ in occluding_contour(o.tube[i], camera, o.cuts)]
                 there = not o.notes[i].startswith("lost")
-                drawings.append(Drawing(lines, contour, [np.full(len(c), there) for c in contour]))
+                guessed = [past_ends(tube, o, i, camera, c) for c in contour]
+                drawings.append(Drawing(lines, contour, [np.full(len(c), there) for c in contour], hidden=guessed))
             for drawing in drawings:
                 draw(over, photo, drawing, line_width(photo, drawings))
             solid = [
@@ -112,6 +117,18 @@ def _film(result: Result) -> Iterator[np.ndarray]:
             ]
             low = [renderer.shade(solid, side) for side in sides]
             yield np.concatenate([np.concatenate([photo.picture, over], axis=1), np.concatenate(low, axis=1)], axis=0)
+
+
+def past_ends(tube: Tube, o: ObjectResult, i: int, camera: Camera, points: np.ndarray) -> np.ndarray:
+    """Which image points (n, 2) of frame i's contour lie past ends at which the object goes on, where nothing is known."""
+    out = np.zeros(len(points), bool)
+    if any(tube.goes_on):
+        start = o.spine[0] if tube.spine.shape[1] == 3 else camera.project(o.spine[0])
+        ends = places(start, tube.spine[[0, -1]])
+        place = np.linspace(0, o.spine.shape[1] - 1, 400)
+        place = place[KDTree(camera.project(between(o.spine[i], place))).query(points)[1]]
+        out |= (tube.goes_on[0] & (place < ends[0])) | (tube.goes_on[1] & (place > ends[1]))
+    return out
 
 
 def _by_speed(vertices: np.ndarray, i: int, most: float) -> np.ndarray:

@@ -104,6 +104,15 @@ CASES = {
     "image no text": ({IMAGE: "3"}, ["view[0].image", "3 is not a path"]),
     "no image key": ({IMAGE: None}, ["view[0].image", "is missing"]),
     "frames": ({"view__frames": '"left_*.png"'}, ["view[0].image", "stands beside frames", "not both"]),
+    "ends by another word": ({"object__goes_on": '"end"'}, ["object[0].goes_on", "'end'", "no, first, last, both"]),
+    "ends by a number": ({"object__goes_on": "1"}, ["object[0].goes_on", "1"]),
+    "ends by flags": ({"object__goes_on": "[true, false]"}, ["object[0].goes_on"]),
+    "crops of a still": ({"view__crops": "true"}, ["view[0].crops", "is for moving scenes"]),
+    "crops by a word": ({IMAGE: None, "view__frames": '["photo.png"]', "view__crops": '"yes"'}, ["view[0].crops", "'yes'"]),
+    "crops and a mask": (
+        {IMAGE: None, "view__frames": '["photo.png"]', "view__crops": "true", "view__ignore": '"white.png"'},
+        ["view[0].ignore", "stands beside crops"],
+    ),
     # masks and marks
     "mask of another size": ({"view__ignore": '"half.png"'}, ["view[0].ignore", "80 x 32", "80 x 64"]),
     "mask covers all": ({"view__ignore": '"white.png"'}, ["view[0].ignore", "whole image"]),

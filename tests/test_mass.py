@@ -3,6 +3,9 @@
 import numpy as np
 import pytest
 
+from symseek.sim.body import Body
+from symseek.sim.material import Material
+from symseek.sim.problem import Tube
 from symseek.sim.solvers import SCHEMES, make_solver
 from tests import reference
 from tests.rig import Rig, circles, even_spine
@@ -202,3 +205,21 @@ def _with_mu(mu):
     rig = _rig()
     rig.model.mu.assign(np.array(mu, np.float32))
     return rig.model
+
+
+def test_what_is_stopped_again_and_again_gains_nothing():
+    """A stiff wave around, let go from rest time after time: energy is only ever taken from it."""
+    body = Body(
+        [Tube(np.array([[0.0, 0, 0], [0, 1, 0]]), radius=0.1, grid=(24, 9), material=Material(closed=False, mu=0.1))]
+    )
+    body.material(w20=1e-2, gamma=0.0)
+    round_one, spine = body.tube(), body.spine()
+    angle = 2 * np.pi * np.arange(24) / 24
+    out = (round_one - spine) / np.linalg.norm(round_one - spine, axis=2, keepdims=True)
+    body.place(round_one + 1e-3 * np.cos(5 * angle)[:, None, None] * out, spine)
+    for _ in range(12):
+        body.step(3)
+        tube = body.tube()
+        radius = np.linalg.norm(tube - tube.mean(axis=0), axis=2)
+        assert np.abs(np.fft.rfft(radius, axis=0)[5]).max() / 12 < 1.02e-3
+        body.place(tube, body.spine())

@@ -14,6 +14,7 @@ from symseek.device import start_quietly
 from symseek.render.animation import write_animated_glb, write_usd
 from symseek.scenes.finger import Finger
 from symseek.sim.kept import Kept
+from symseek.sim.material import Material
 from symseek.sim.problem import Settings, Tube, View
 from symseek.sim.track import Tracking, track
 
@@ -37,9 +38,10 @@ def stream(finger):
     return images
 
 
-def run(finger, stream, tracking=None, **how):
+def run(finger, stream, tracking=None, material=None, **how):
     views = [View(np.zeros((1, 1)), camera, name) for camera, name in zip(finger.cameras, ("left", "right"), strict=True)]
-    return track(stream, views, [Tube(finger.rough)], Settings(iterations=400), tracking or Tracking(fps=30.0), **how)
+    tube = Tube(finger.rough, material=material or Material())
+    return track(stream, views, [tube], Settings(iterations=400), tracking or Tracking(fps=30.0), **how)
 
 
 @pytest.fixture(scope="module")
@@ -80,6 +82,7 @@ import numpy as np
 from symseek.device import start_quietly
 from symseek.scenes.finger import Finger
 from symseek.sim.kept import Kept
+from symseek.sim.material import Material
 from tests.test_motion import run
 
 start_quietly()
@@ -176,3 +179,14 @@ def test_other_beginnings(finger, stream, whole, first):
     away = np.linalg.norm(o.spine[2] - whole.spine[2], axis=1)
     moved = np.linalg.norm(whole.spine[2] - whole.spine[0], axis=1)
     assert away.mean() < 0.02 * finger.length and moved.max() > 0 and not any(o.notes)
+
+
+@pytest.mark.parametrize("mu", [0.1, 1.0])
+def test_mass(finger, stream, whole, mu):
+    """With mass a frame's iterations lead to about the same place, and nothing builds up from frame to frame."""
+    frames = [*stream[:3], *stream[4:], *stream[-2:0:-1]]  # on, and back again
+    o = run(finger, frames, material=Material(mu=mu)).objects[0]
+    assert not any(note.startswith("lost") for note in o.notes)
+    for i, frame in ((5, 6), (6, 7)):
+        away = np.linalg.norm(o.spine[i] - whole.spine[frame], axis=1)
+        assert away.mean() < 0.01 * finger.length
