@@ -130,10 +130,12 @@ class Hand:
 
     def choose(self, label: str, option: str) -> None:
         """Takes an option of a dropdown."""
-        self.page.get_by_label(label, exact=True).or_(self.page.get_by_role("textbox", name=label)).first.click()
+        field = self.page.get_by_label(label, exact=True).or_(self.page.get_by_role("textbox", name=label)).first
+        field.click()
         chosen = self.page.get_by_role("option", name=option, exact=True)
         chosen.click()
         chosen.wait_for(state="hidden")
+        self.wait(lambda: field.input_value() == option)
         self.steady()
 
     def at_rest(self) -> None:

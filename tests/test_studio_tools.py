@@ -70,6 +70,7 @@ def test_what_is_drawn_is_put_right_by_mouse(tmp_path):
         hand.wait(lambda: "not an image" in page.told[1])
         hand.shot("tool bad file")
         hand.choose("File", "squash.jpg")
+        hand.wait(lambda: page.controls.files.value == "squash.jpg")
         hand.press("Open")
         hand.wait(lambda: page.session)
         hand.steady()
