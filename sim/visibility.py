@@ -8,6 +8,7 @@ import numpy as np
 import warp as wp
 from scipy import ndimage
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
 
 from ..kernels import rays
 from .assembly import Assembly
@@ -25,6 +26,9 @@ SPAN = 256.0
 """Depths among which rays are cast, whatever the view's own [px]."""
 STILL = 0.2
 """Pixels by which a tube must have moved to be looked at anew."""
+WANDERED, FURTHER = 1.5, 1.1
+"""Pixels by which a place where outlines meet must have moved, and how much further the next time: what wavers, as the
+outlines go with such places, comes to rest."""
 CHANGED = 0.01
 """Share of an object's hidden pixels by which they must change to count as much."""
 
@@ -130,6 +134,8 @@ class Visibility:
         self.depth_pass = depth_pass
         # view and tube: with which others it was drawn, and where
         self._drawn: dict[tuple[int, int], tuple[tuple[int, ...], np.ndarray]] = {}
+        # view and tube: how often places where outlines meet have moved
+        self._wavers: dict[tuple[int, int], int] = {}
 
     def refresh(self, scenes: Sequence[Assembly]) -> list[bool | None]:
         """Writes `Assembly.hidden` and `meetings` of every tube in every view that has moved, or another about it.
@@ -146,11 +152,12 @@ class Visibility:
                 own, met = scenes[number].hidden[k], scenes[number].meetings[k]
                 hidden = Hidden.of(scenes[number].own_views[k][v].ignore, hidden)
                 much = _differ(own[v], hidden)
-                if not np.array_equal(met[v], meetings):
-                    much = bool(much) or not (len(met[v]) and len(meetings))
+                if _far_off(met[v], meetings, WANDERED * FURTHER ** self._wavers.get((v, i), 0)):
+                    much, met[v] = bool(much), meetings
+                    self._wavers[v, i] = self._wavers.get((v, i), 0) + 1
                 if much is not None:
                     changed[number] = bool(changed[number]) or much
-                own[v], met[v] = hidden, meetings
+                own[v] = hidden
         return changed
 
     def _view(
@@ -298,6 +305,13 @@ def _with_own(found: Hidden | None, tube: np.ndarray, shape: tuple[int, ...]) ->
     if found is not None:
         mask |= found.at(np.stack([columns, rows], axis=-1))
     return Hidden(mask, (int(low[0]), int(low[1])))
+
+
+def _far_off(a: np.ndarray, b: np.ndarray, way: float) -> bool:
+    """Whether a point of one of two lots, shape (n, 2), lies further than a way from all of the other."""
+    if not (len(a) and len(b)):
+        return len(a) != len(b)
+    return max(KDTree(a).query(b)[0].max(), KDTree(b).query(a)[0].max()) > way
 
 
 def _differ(a: Hidden | None, b: Hidden | None) -> bool | None:
