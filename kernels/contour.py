@@ -23,7 +23,7 @@ class Crossing:
 
 @wp.func
 def unit(v: wp.vec3):
-    """v / |v|, zero where v is."""
+    """v / |v|, zero where v is: `wp.normalize` by one division."""
     length = wp.length(v)
     return wp.where(length > 0.0, 1.0 / length, 0.0) * v
 

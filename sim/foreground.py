@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 from scipy.interpolate import make_interp_spline
-from skimage import color, measure
+from skimage import measure
 from threadpoolctl import threadpool_limits
 
 from .ribbon import ribbon
-from .sampling import resample
+from .sampling import seen_colours
 from .walk import Walk
 
 AXIS = 130.0
@@ -27,8 +27,6 @@ CORE, FAR, MARGIN = 0.02, 0.45, 0.75
 """Surely object within, surely background beyond, image looked at within: distance to the axis / its length."""
 PRIOR, SEED = 0.003, 10.0
 """Weights of prior and seeds against the image's edges."""
-TINT, DARK = 3.0, 1.0
-"""Weight of tint against lightness at lightness 0.5; added to the lightness (white is 1) that divides the tint."""
 SHAPE, RIM = 4.0, 4.0
 """Log odds that the ribbon gives to what lies in it, against what lies out of it; its unsure rim to each side [samples]."""
 UNEVEN, SLACK, SHORT = 1.5, 0.04, 0.2
@@ -105,35 +103,12 @@ def length_of(curve: np.ndarray) -> float:
     return float(np.linalg.norm(np.diff(curve, axis=0), axis=1).sum())
 
 
-def colours(image: np.ndarray) -> np.ndarray:
-    """Lab over (100, 180, 180) of a colour image, grey as it is: shape (H, W, channels), differences of order one."""
-    if image.ndim == 2:
-        return image[..., None].astype(np.float32)
-    if np.abs(np.diff(image, axis=2)).max() < 1e-3:
-        return image[..., :1].astype(np.float32)
-    return (color.rgb2lab(image) / np.array([100.0, 180.0, 180.0])).astype(np.float32)
-
-
-def tinted(x: np.ndarray) -> np.ndarray:
-    """Lightness, and stronger tints that shade dims less: a round object's lightness varies more than its dye."""
-    if x.shape[2] == 1:
-        return x
-    return x * np.concatenate([np.ones_like(x[..., :1]), *2 * [TINT * (0.5 + DARK) / (x[..., :1] + DARK)]], axis=2)
-
-
 def histogram(cells: np.ndarray, chosen: np.ndarray, channels: int) -> np.ndarray:
     """Smoothed share of the chosen pixels in each colour cell."""
     counts = np.bincount(cells[chosen], minlength=BINS[channels] ** channels).astype(np.float32)
     cube = counts.reshape((BINS[channels],) * channels)
     counts = ndimage.gaussian_filter(cube, BINS[channels] / 16, mode="nearest").ravel()
     return counts / max(counts.sum(), 1e-9)
-
-
-def filled(x: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Samples (h, w, channels) with those that are not known like the nearest that are: no edge may part them."""
-    near = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
-    assert near is not None
-    return x[near[0], near[1]]
 
 
 def colour_cells(x: np.ndarray) -> np.ndarray:
@@ -258,16 +233,7 @@ def _look(image: np.ndarray, curve: np.ndarray, step: float, margin: float, igno
     hi = np.minimum(np.ceil(curve.max(0) + margin), np.array(image.shape[1::-1]) - 1)
     width, height = (int(v) for v in np.maximum(np.floor((hi - lo) / step) + 1, 8))
     shape = (height, width)
-    # what smoothing before the sampling looks at, and no more: images are large
-    pad = int(np.ceil(3 * step)) + 2
-    first = np.maximum(lo.astype(int) - pad, 0)
-    last = np.ceil(hi).astype(int) + pad + 1
-    part = slice(first[1], last[1]), slice(first[0], last[0])
-    x = tinted(resample(colours(image[part]), lo - first, step, shape))
-    known = np.ones(shape, bool)
-    if ignore is not None:
-        known = resample((~ignore[part]).astype(np.float32), lo - first, step, shape) > 0.5
-        x = filled(x, known)
+    x, known = seen_colours(image, ignore, lo, step, shape)
     line = (curve - lo) / step
     return _Look(x, colour_cells(x), known, line, *_from_axis(line, shape), step, lo)
 

@@ -15,11 +15,11 @@ import numpy as np
 from scipy import ndimage
 from skimage.measure import find_contours
 
-from .foreground import Foreground, axis_curve, colours
+from .foreground import Foreground, axis_curve
 from .neighbours import completed, foregrounds
 from .problem import Tube, View
 from .result import ObjectResult
-from .sampling import resample
+from .sampling import colours, resample
 
 FINE = 32.0
 """Most samples for the smaller object's half width: finer images are sampled down."""

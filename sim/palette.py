@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from scipy import ndimage
 
-from .foreground import BINS, FINE, FINEST, ROUND, SHAPE, Foreground, colours, histogram, tinted
+from .foreground import BINS, FINE, FINEST, ROUND, SHAPE, Foreground, histogram
 from .problem import View
-from .sampling import resample
+from .sampling import colours, resample, tinted
 from .surface import silhouette
 
 AROUND = 2.0

@@ -11,9 +11,9 @@ from scipy import ndimage
 from scipy.special import gamma
 
 from .camera import Camera
-from .foreground import Foreground, colours
+from .foreground import Foreground
 from .problem import Settings, View
-from .sampling import resample
+from .sampling import colours, resample
 
 WIDE = 64.0
 """Most samples for an object's half width: finer images are sampled down, so that work does not grow with them."""

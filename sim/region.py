@@ -8,8 +8,8 @@ from scipy import ndimage
 from threadpoolctl import threadpool_limits
 
 from . import foreground as walker
-from .foreground import Foreground, colours
-from .sampling import resample
+from .foreground import Foreground
+from .sampling import seen_colours
 from .walk import Walk
 
 ACROSS = 110.0
@@ -55,16 +55,7 @@ def region_map(
         not_here: shape (k, 2), image points that are background.
     """
     lo, step, shape = _crop(points, image.shape, ACROSS)
-    # what smoothing before the sampling looks at, and no more: images are large
-    pad = int(np.ceil(3 * step)) + 2
-    near = np.maximum(lo.astype(int) - pad, 0)
-    far = np.ceil(lo + step * np.array(shape[::-1])).astype(int) + pad
-    part = slice(near[1], far[1]), slice(near[0], far[0])
-    x = walker.tinted(resample(colours(image[part]), lo - near, step, shape))
-    known = np.ones(shape, bool)
-    if ignore is not None:
-        known = resample((~ignore[part]).astype(np.float32), lo - near, step, shape) > 0.5
-        x = walker.filled(x, known)
+    x, known = seen_colours(image, ignore, lo, step, shape)
     cells = walker.colour_cells(x)
     mine = enclosed((points - lo) / step, shape)
     within, beyond = walker._depth(mine), walker._depth(~mine)

@@ -1,9 +1,14 @@
-"""Values of an image at the samples of another grid."""
+"""Values and colours of an image at the samples of another grid."""
 
 from __future__ import annotations
 
 import numpy as np
+from scipy import ndimage
 from scipy.sparse import csr_array
+from skimage import color
+
+TINT, DARK = 3.0, 1.0
+"""Weight of tint against lightness at lightness 0.5; added to the lightness (white is 1) that divides the tint."""
 
 
 def resample(values: np.ndarray, origin: np.ndarray, step: float, shape: tuple[int, int], smooth: bool = True) -> np.ndarray:
@@ -45,3 +50,50 @@ def _line(n: int, places: np.ndarray, sigma: float) -> tuple[int, int, csr_array
     ends = np.arange(0, weight.size + 1, weight.shape[1])
     used = (weight.ravel().astype(np.float32), beside.ravel() - first, ends)
     return first, last, csr_array(used, shape=(len(at), last - first))
+
+
+def colours(image: np.ndarray) -> np.ndarray:
+    """Lab over (100, 180, 180) of a colour image, grey as it is: shape (H, W, channels), differences of order one."""
+    if image.ndim == 2:
+        return image[..., None].astype(np.float32)
+    if np.abs(np.diff(image, axis=2)).max() < 1e-3:
+        return image[..., :1].astype(np.float32)
+    return (color.rgb2lab(image) / np.array([100.0, 180.0, 180.0])).astype(np.float32)
+
+
+def tinted(x: np.ndarray) -> np.ndarray:
+    """Lightness, and stronger tints that shade dims less: a round object's lightness varies more than its dye."""
+    if x.shape[2] == 1:
+        return x
+    return x * np.concatenate([np.ones_like(x[..., :1]), *2 * [TINT * (0.5 + DARK) / (x[..., :1] + DARK)]], axis=2)
+
+
+def filled(x: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Samples (h, w, channels) with those that are not known like the nearest that are: no edge may part them."""
+    near = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
+    assert near is not None
+    return x[near[0], near[1]]
+
+
+def seen_colours(
+    image: np.ndarray, ignore: np.ndarray | None, origin: np.ndarray, step: float, shape: tuple[int, int]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Tinted colours (h, w, channels) at samples of an image, and which may be looked at, (h, w), bool.
+
+    Args:
+        image: shape (H, W) or (H, W, 3), in [0, 1].
+        ignore: shape (H, W), bool, or None.
+        origin: image point (column, row) of the first sample, within the image.
+        step: image pixels a sample.
+        shape: (h, w).
+    """
+    # what smoothing before the sampling looks at, and no more: images are large
+    pad = int(np.ceil(3 * step)) + 2
+    first = np.maximum(origin.astype(int) - pad, 0)
+    last = np.ceil(origin + step * np.array(shape[::-1])).astype(int) + pad
+    part = slice(first[1], last[1]), slice(first[0], last[0])
+    x = tinted(resample(colours(image[part]), origin - first, step, shape))
+    if ignore is None:
+        return x, np.ones(shape, bool)
+    known = resample((~ignore[part]).astype(np.float32), origin - first, step, shape) > 0.5
+    return filled(x, known), known

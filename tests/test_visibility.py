@@ -300,6 +300,19 @@ def test_what_changes_little_is_taken_in_and_not_told():
     assert abs(row - 82) < 0.6
 
 
+def test_where_outlines_meet_comes_to_rest():
+    """A back that goes to and fro by 4 px: what it makes of the front is taken in, less and less often."""
+    visibility = Visibility(None)
+    front, back = upright(100, 0.0), level(80, 5.0)
+    told, places = [], []
+    for look in range(40):
+        back.nodes = back.nodes + np.array([0, 4.0 if look % 2 else -4.0, 0])
+        told.append(refresh(visibility, [front, back])[0])
+        places.append(front.meetings[0][0])
+    assert told[:3] == [False] * 3 and not any(t is not None for t in told[-20:])
+    assert not np.array_equal(places[0], places[1]) and all(np.array_equal(p, places[-1]) for p in places[-20:])
+
+
 def test_near_what_is_hidden():
     """Within a blur of a hidden pixel's centre, by a search among all of them; of points anywhere about the mask."""
     rng = np.random.default_rng(4)
