@@ -104,7 +104,6 @@ class Drawing:
         self._faces: dict[int, tuple] = {}
         self._sent: dict[tuple[str, str], np.ndarray] = {}
         scene.reset()
-        scene.set_up_direction("-y")
         scene.configure_default_lights(False)  # dear without a graphics card, as surroundings to be mirrored are
         scene.configure_environment_map(None)
         for name, place, intensity in LIGHTS:

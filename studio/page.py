@@ -64,6 +64,7 @@ class Page:
         self._pictured: list[int] = []
         """which frame each view's photograph shows."""
         self._closed = threading.Event()
+        server.scene.set_up_direction("-y")  # first of all: turned later, it puts an eye set meanwhile in a wrong place
         self.controls = Controls(self)
         server.on_client_connect(self._welcome)
         self._thread = threading.Thread(target=self._keep_drawing, name="symseek-page", daemon=True)
