@@ -77,7 +77,7 @@ class Task:
             getattr(m, key).fill_(getattr(material, key) * scale)
         lap = (2 * np.sin(np.pi / n) * n) ** 2
         balance = material.w20 * rigidity * lap**2
-        row = [material.a, material.a * material.reaction, material.b, 0, balance, material.d, 0, material.depth]
+        row = [material.a, material.a * material.reaction, material.b, 0, balance, material.d, 0, material.depth, 0]
         m.coupling.assign(np.tile(np.array(row, np.float32), (n, 1)))
         m.image_load[:] = load / STRETCH  # these springs are what they are
         self.state = State(m)

@@ -4,8 +4,8 @@ import warp as wp
 
 from . import elastic, projection
 
-Coupling = wp.types.vector(length=8, dtype=float)
-"""a, reaction, b, c, balance, d, centre, depth of a ring, as `sim.model` numbers them."""
+Coupling = wp.types.vector(length=9, dtype=float)
+"""a, reaction, b, c, balance, d, centre, depth, free of a ring, as `sim.model` numbers them."""
 SMALL = wp.constant(1.0e-9)
 WINDOW = wp.constant(20)
 """Segments of the spine either side that a ring's tangent looks at."""
@@ -81,6 +81,7 @@ def ring_means(
     look_last: wp.array[int],
     ring_far: wp.array2d[float],
     coupling: wp.array[Coupling],
+    node_wave: wp.array[wp.vec2],
     # state in
     tube_in: wp.array[wp.vec3],
     spine_in: wp.array[wp.vec3],
@@ -92,10 +93,11 @@ def ring_means(
     tangent_out: wp.array[wp.vec3],
     known_out: wp.array[float],
     tilt_out: wp.array[wp.vec3],
+    harmonic_out: wp.array2d[wp.vec3],
 ):
     """Sets centroid and mean radius of each ring (below fig. 7), mean distance to the next ring, spine tangent, tilt.
 
-    And one over the length of each node's edge to the next ring.
+    And one over the length of each node's edge to the next ring; and what of cosine and sine of 2 pi x is in the ring.
 
     The tangent looks `WINDOW` segments either way as far as the spine is in one piece, the j-th with importance
     `ring_far[., j]`: far ones count where near ones vanish, as they do under a flat end. Where all do, it counts for less,
@@ -112,6 +114,8 @@ def ring_means(
     moment = wp.vec3(0.0)
     reach = float(0.0)
     gap = float(0.0)
+    cosine = wp.vec3(0.0)
+    sine = wp.vec3(0.0)
     here = tube_in[start]
     behind = wp.length(here - tube_in[start + n - 1])
     for x in range(n):
@@ -119,8 +123,12 @@ def ring_means(
         ahead = wp.length(after - here)
         w = 0.5 * (behind + ahead) + SMALL
         around += w
-        moment += w * (here - centre)
-        reach += w * wp.length(here - centre)
+        arm = here - centre
+        moment += w * arm
+        reach += w * wp.length(arm)
+        wave = node_wave[start + x]
+        cosine += wave[0] * arm
+        sine += wave[1] * arm
         if s < last:
             edge = wp.length(tube_in[start + n + x] - here)
             gap += edge
@@ -131,6 +139,8 @@ def ring_means(
     centroid_out[r] = centroid
     radius_out[r] = reach / around
     gap_out[r] = gap / float(n)
+    harmonic_out[r, 0] = 2.0 / float(n) * cosine
+    harmonic_out[r, 1] = 2.0 / float(n) * sine
     along = wp.vec3(0.0)
     for j in range(WINDOW):
         if s + j < look_last[r]:
@@ -231,6 +241,7 @@ def tube_force(
     coupling: wp.array[Coupling],
     depth_rest: wp.array[float],
     edge_hold: wp.array[float],
+    node_wave: wp.array[wp.vec2],
     eyes: wp.array[projection.Eye],
     # state in
     tube_in: wp.array[wp.vec3],
@@ -242,12 +253,15 @@ def tube_force(
     tangent_in: wp.array[wp.vec3],
     known_in: wp.array[float],
     tension_in: wp.array[float],
+    harmonic_in: wp.array2d[wp.vec3],
     # out
     force_out: wp.array[wp.vec3],
 ):
     """Sets the intrinsic force on each ring's nodes: (5) but for `shape.tense_sheet`, f_a, f_b, f_c of (10) and ours.
 
-    Ours are upright rings, centred poles, the hold of depth, rings held along the surface.
+    Ours are upright rings, centred poles, the hold of depth, rings held along the surface, and balanced expansion: a push
+    `balance` on each ring's first harmonic, an ellipse of any size, as strong as (5) draws it together. Then that ellipse
+    is as good as the ring's natural shape (where w20 varies round a ring see `shape.even_out`).
     Forces are loads per hx hs, so end nodes, which own half a cell, carry half.
     """
     r = wp.tid()
@@ -266,7 +280,9 @@ def tube_force(
     weight = coupling[r]
     even = mass * (attract(weight[1], spine, centroid) + hold_depth(weight[7], depth_rest[r], eyes[0], centroid))
     # a ring must not shrink through a point
-    swell = wp.max(THINNEST - radius, 0.0) + weight[4] * radius
+    swell = wp.max(THINNEST - radius, 0.0)
+    cosine = weight[4] * harmonic_in[r, 0]
+    sine = weight[4] * harmonic_in[r, 1]
     own = mass
     before = float(0.0)
     after = float(0.0)
@@ -306,8 +322,10 @@ def tube_force(
         out = symmetry(weight[2], radius, long)
         if weight[3] != 0.0:
             out += expansion(weight[3], long, 0.1 * radius)
-        # from the centroid, as the contraction that it cancels: from the spine it would push rings along it
-        f += own * (out * arm + swell * unit(v - centroid) + upright(weight[5], v - centroid, tangent))
+        wave = node_wave[i]
+        f += own * (out * arm + wave[0] * cosine + wave[1] * sine + upright(weight[5], v - centroid, tangent))
+        if swell > 0.0:
+            f += own * swell * unit(v - centroid)
         f += elastic.line_rigidity(tube_in, w02, i, south, v, north, reach, rows)
         if held_behind > 0.0:
             f += per_hs * (edge_hold[i - n] - held_behind * edge_in[i - n]) * (south - v)

@@ -2,7 +2,70 @@
 
 import warp as wp
 
+from . import coupling as together
 from . import elastic
+
+
+@wp.func
+def harmonic_moment(rigidity: wp.array[float], node_wave: wp.array[wp.vec2], at: int, cosine: wp.vec3, sine: wp.vec3):
+    """w20 times a ring's first harmonic at a node."""
+    return rigidity[at] * (node_wave[at][0] * cosine + node_wave[at][1] * sine)
+
+
+@wp.kernel(enable_backward=False)
+def even_out(
+    # model
+    ring_tube: wp.array[int],
+    ring_node: wp.array[int],
+    ring_s: wp.array[int],
+    tube_nx: wp.array[int],
+    tube_ns: wp.array[int],
+    ring_closed: wp.array[int],
+    w20: wp.array[float],
+    coupling: wp.array[together.Coupling],
+    node_wave: wp.array[wp.vec2],
+    # state in
+    tube_in: wp.array[wp.vec3],
+    harmonic_in: wp.array2d[wp.vec3],
+    # out
+    force_out: wp.array[wp.vec3],
+):
+    """Adds balanced expansion of rings round which w20 varies, so that their first harmonic is their natural shape.
+
+    (3) with w20 then is (1 - free) E(v) + free E(v - Pv) for P the first harmonic around, and minus half its gradient lacks
+    here free (K P + P K (1 - P)) v for K of (5). With an even w20 that is the push `balance` of `coupling.tube_force`.
+    """
+    r = wp.tid()
+    n = tube_nx[ring_tube[r]]
+    start = ring_node[r]
+    free = coupling[r][8]
+    if ring_closed[r] != 0 or free == 0.0:
+        return
+    per_hx = float(n)
+    lap = 2.0 * wp.sin(wp.pi / per_hx)
+    lap *= lap  # a second difference of the first harmonic is -lap times it
+    load = free * together.end_mass(ring_s[r], tube_ns[ring_tube[r]]) * per_hx * per_hx * per_hx * per_hx
+    cosine = wp.vec3(0.0)
+    sine = wp.vec3(0.0)
+    for x in range(n):
+        wave = node_wave[start + x]
+        before = tube_in[start + elastic.wrap(x - 1, n)]
+        after = tube_in[start + elastic.wrap(x + 1, n)]
+        q = elastic.bend(before, tube_in[start + x], after) + lap * (
+            wave[0] * harmonic_in[r, 0] + wave[1] * harmonic_in[r, 1]
+        )
+        cosine += w20[start + x] * wave[0] * q
+        sine += w20[start + x] * wave[1] * q
+    moment0 = harmonic_moment(w20, node_wave, start + n - 1, harmonic_in[r, 0], harmonic_in[r, 1])
+    moment1 = harmonic_moment(w20, node_wave, start, harmonic_in[r, 0], harmonic_in[r, 1])
+    for x in range(n):
+        i = start + x
+        moment2 = harmonic_moment(w20, node_wave, start + elastic.wrap(x + 1, n), harmonic_in[r, 0], harmonic_in[r, 1])
+        f = -elastic.bend(moment0, moment1, moment2)
+        f -= 2.0 / per_hx * (node_wave[i][0] * cosine + node_wave[i][1] * sine)
+        force_out[i] = force_out[i] + load * lap * f
+        moment0 = moment1
+        moment1 = moment2
 
 
 @wp.kernel(enable_backward=False)

@@ -24,8 +24,8 @@ def add_forces(model: Model, state: State, contour_kind: str, literal: bool, tau
     wp.launch(
         coupling.ring_means,
         m.rings,
-        inputs=[*ring, *look, m.coupling, s.tube, s.spine],
-        outputs=[s.centroid, s.radius, s.gap, s.edge, s.tangent, s.known, s.tilt],
+        inputs=[*ring, *look, m.coupling, m.node_wave, s.tube, s.spine],
+        outputs=[s.centroid, s.radius, s.gap, s.edge, s.tangent, s.known, s.tilt, s.harmonic],
         device=m.device,
     )
     wp.launch(
@@ -39,12 +39,20 @@ def add_forces(model: Model, state: State, contour_kind: str, literal: bool, tau
         coupling.tube_force,
         m.rings,
         inputs=[
-            *ring, m.ring_closed, m.w20, m.w02, m.coupling, m.depth_rest, m.edge_hold, m.eyes,
-            s.tube, s.spine, s.centroid, s.radius, s.gap, s.edge, s.tangent, s.known, s.held,
+            *ring, m.ring_closed, m.w20, m.w02, m.coupling, m.depth_rest, m.edge_hold, m.node_wave, m.eyes,
+            s.tube, s.spine, s.centroid, s.radius, s.gap, s.edge, s.tangent, s.known, s.held, s.harmonic,
         ],
         outputs=[s.force],
         device=m.device,
     )  # fmt: skip
+    if m.uneven:
+        wp.launch(
+            shape.even_out,
+            m.rings,
+            inputs=[*ring, m.ring_closed, m.w20, m.coupling, m.node_wave, s.tube, s.harmonic],
+            outputs=[s.force],
+            device=m.device,
+        )
     if m.tense or m.twisted:
         wp.launch(
             shape.tense_sheet,

@@ -71,8 +71,8 @@ class Material:
     c: Weight = 0.0
     """expansion (> 0) or contraction (9), in units of the initial length of the spine."""
     c_balance: Weight = 1.0
-    """share of the tube's own contraction around the spine that (9) cancels; 0 is the paper's plain c.
-    That of w20 is not cancelled where C20 is given."""
+    """share of the tube's own contraction around the spine that is taken away; 0 is the paper's plain c.
+    That by w20 counts the ring's own first harmonic as natural (not where C20 is given), that by w10 is pushed against."""
     d: Weight = 0.05
     """rings upright on the spine (ours): -d (r.t) t."""
     centre: Weight = 0.5

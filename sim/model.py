@@ -12,7 +12,7 @@ from ..kernels import coupling, image, projection
 from .camera import Camera
 from .guide import MODES
 
-SPINE_TO_RING, REACTION, SYMMETRY, EXPAND, BALANCE, UPRIGHT, CENTRE, DEPTH = range(8)
+SPINE_TO_RING, REACTION, SYMMETRY, EXPAND, BALANCE, UPRIGHT, CENTRE, DEPTH, FREE = range(9)
 """Columns of `Model.coupling`."""
 
 BEND_DEGREE = 3
@@ -47,7 +47,8 @@ class Model:
         tube_nx, tube_ns, tube_node, tube_ring: grid and first node and ring of each tube, shape (K,).
         w10, w20, w11, w01, w02: weights of (3), shape (N,); w01 belongs to the edge to the next ring, w10 to the next node.
         w1, w2: weights of (2), shape (R,).
-        coupling: columns a, reaction, b, c, balance, d, centre, depth, shape (R, 8)
+        coupling: columns a, reaction, b, c, balance, d, centre, depth, free, shape (R, 9);
+            free only where w20 varies round a ring
         depth_rest: depth along the line of sight that `depth` holds, shape (R,).
         bend_basis: orthonormal polynomials in s on the interior of each piece of a spine, shape (R, BEND_DEGREE + 1).
         stretch10, stretch01: natural lengths of edges around and along: K, L, most of |dv| - L, shape (N, 3).
@@ -61,6 +62,7 @@ class Model:
         look_first, look_last: how far a ring's tangent looks: across creases of the spine, so that rings go over from one
             side to the other little by little, but not across gaps, shape (R,).
         shaped, torn, tense, twisted: whether any tube has natural lengths or curvatures, a gap, a weight w10 or w01, or w11.
+        uneven: whether a balanced w20 varies round any ring.
         ring_far: importance for a ring's tangent of the j-th segment of the spine either way, shape (R, WINDOW).
         k1: tension factor K1 of the spine's edges, shape (R,).
         edge_hold, ring_slack: stiffness of the springs that keep nodes' shares of the way to the next ring, 0 for none,
@@ -131,7 +133,7 @@ class Model:
         self.spine_curvature = wp.zeros(self.rings, dtype=wp.vec2, device=device)
         self.ring_first, self.spine_first, self.look_first = (ints(np.zeros(self.rings)) for _ in range(3))
         self.ring_last, self.spine_last, self.look_last = (ints(ns_of - 1) for _ in range(3))
-        self.shaped, self.torn, self.tense, self.twisted = False, False, True, True
+        self.shaped, self.torn, self.tense, self.twisted, self.uneven = False, False, True, True, True
         self.edge_hold = wp.zeros(self.nodes, dtype=float, device=device)
         self.k1, self.ring_slack = (wp.zeros(self.rings, dtype=float, device=device) for _ in range(2))
         self.mu, self.spine_mu = (wp.zeros(n, dtype=float, device=device) for n in (self.nodes, self.rings))
@@ -206,6 +208,7 @@ class State:
         self.centroid, self.tangent, self.tilt, self.moment, self.pull = (vectors(model.rings) for _ in range(5))
         self.course = wp.zeros((model.tubes, MODES), dtype=wp.vec3, device=model.device)  # pyright: ignore
         self.radius, self.gap, self.known, self.held = (scalars(model.rings) for _ in range(4))
+        self.harmonic = wp.zeros((model.rings, 2), dtype=wp.vec3, device=model.device)  # pyright: ignore
         self.delta, self.low = vectors(model.nodes), vectors(4 * model.rings)
         self.residual, self.power = scalars(model.rings), scalars(model.rings)
         self.age, self.momentum = scalars(model.tubes), scalars(model.tubes)

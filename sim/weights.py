@@ -12,7 +12,7 @@ from .fields import PLACES, Cut, as_field, bounds, break_ring, cuts, depends_on_
 from .material import Break, Material
 from .model import BEND_DEGREE, Model, bend_basis
 
-COUPLING = ("a", "reaction", "b", "c", "balance", "d", "centre", "depth")
+COUPLING = ("a", "reaction", "b", "c", "balance", "d", "centre", "depth", "free")
 """Columns of `Model.coupling`, by name."""
 FREED = 1.5
 """Power of the share with which w20 and b fall where the views tell sections."""
@@ -92,7 +92,7 @@ class Weights:
         fresh |= {"bend_basis": np.zeros((m.rings, BEND_DEGREE + 1))}
         looks = ("ring_first", "ring_last", "spine_first", "spine_last", "look_first", "look_last")
         fresh |= {n: np.zeros(m.rings, np.int32) for n in looks}
-        coupling = np.zeros((m.rings, len(COUPLING)))
+        coupling, uneven = np.zeros((m.rings, len(COUPLING))), False
         for k, (nx, ns) in enumerate(m.grids):
             nodes, rings = m.nodes_of(k), m.rings_of(k)
             f = self._fields(k, time)
@@ -140,8 +140,12 @@ class Weights:
             fresh["look_first"][rings], fresh["look_last"][rings] = bounds(ns, gaps)
             fresh["bend_basis"][rings] = bend_basis(ns, self.spine_cuts[k])
             lap = (2 * np.sin(np.pi / nx) * nx) ** 2
-            contraction = _mean(f["w10"]) * lap + _mean(f["w20"]) * lap**2 * (f["C20"] is None)
-            f["balance"], f["reaction"] = f["c_balance"] * contraction, f["a"] * f["reaction"]
+            cancelled, varies = f["c_balance"] * (f["C20"] is None), np.ptp(f["w20"], axis=1) > 0
+            f["free"] = cancelled * varies
+            # by the least w10 of a ring: what pushes it is then nowhere more than what draws it together
+            f["balance"] = f["c_balance"] * f["w10"].min(axis=1) * lap + (cancelled - f["free"]) * f["w20"][:, 0] * lap**2
+            f["reaction"] = f["a"] * f["reaction"]
+            uneven |= bool(f["free"].any())
             if self.told[k] and not self.spine_cuts[k]:
                 fresh["guide"][rings] = f["depth"]
             f["depth"] = f["depth"] * (not self.told[k])
@@ -152,7 +156,7 @@ class Weights:
             now = self._host["coupling"]
             changed |= {name for i, name in enumerate(COUPLING) if not np.array_equal(before[:, i], now[:, i])}
         m.shaped = any(np.any(fresh[n][:, 0] > 0) for n in ("stretch10", "stretch01")) or bool(fresh["curvature"].any())
-        m.torn = any(gap for found in self.cuts for _, gap in found)
+        m.torn, m.uneven = any(gap for found in self.cuts for _, gap in found), uneven
         m.tense, m.twisted = bool(fresh["w10"].any() or fresh["w01"].any()), bool(fresh["w11"].any())
         self.stale = False
         return changed

@@ -18,7 +18,7 @@ EPS = 2.0**-23
 """Spacing of float32 at 1."""
 COLUMNS = {
     "a": layout.SPINE_TO_RING, "reaction": layout.REACTION, "b": layout.SYMMETRY, "c": layout.EXPAND,
-    "balance": layout.BALANCE, "d": layout.UPRIGHT, "centre": layout.CENTRE, "depth": layout.DEPTH,
+    "balance": layout.BALANCE, "d": layout.UPRIGHT, "centre": layout.CENTRE, "depth": layout.DEPTH, "free": layout.FREE,
 }  # fmt: skip
 
 

@@ -84,3 +84,14 @@ def test_with_mass_a_stretched_ring_swings_and_comes_to_rest(scheme):
             np.testing.assert_allclose(body.velocity(), (body.tube() - tube) / (body.time - time), atol=2e-4)
     assert max(seen) > 1.21
     assert abs(seen[-1] - 1.2) < 5e-4
+
+
+@schemes
+def test_a_tube_without_rigidity_in_places_stays_as_wide_as_it_is(scheme):
+    """With nothing to draw it the balanced tube has no reason to grow or shrink; a patch and a meridian have no w20."""
+    w20 = np.full(GRID, 1e-4)
+    w20[3:6, 2:4] = w20[8] = 0.0
+    body = _body(scheme, w20=w20.tolist(), w02=1e-6)
+    for _ in range(20):
+        body.step(50)
+    np.testing.assert_allclose(_perimeters(body)[1:-1], 2 * GRID[0] * 0.15 * np.sin(np.pi / GRID[0]), rtol=0.02)

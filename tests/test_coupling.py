@@ -98,13 +98,54 @@ def test_9_blows_up_and_stays_regular_on_the_spine():
 
 @pytest.mark.parametrize("radius", [0.02, 0.3, 2.0])
 def test_balanced_tube_keeps_circles_of_any_radius(radius):
-    """c_balance (w10 L + w20 L^2) rbar cancels the contraction of (3), L = (2 n sin(pi / n))^2."""
+    """c_balance (w10 L + w20 L^2) cancels the contraction of (3), L = (2 n sin(pi / n))^2."""
     w10, w20, lap = 0.3, 0.01, (2 * NX * np.sin(np.pi / NX)) ** 2
     spine = even_spine(NS)
     tube = circles(spine, radius, NX, turn=0.3)
     force, _ = Rig((tube, spine), w10=w10, w20=w20, balance=w10 * lap + w20 * lap**2).forces()
     contraction = (w10 * lap + w20 * lap**2) * radius
     np.testing.assert_allclose(force, 0, atol=1e-5 * contraction)
+
+
+@pytest.mark.parametrize("closed", [False, True])
+@pytest.mark.parametrize("uneven", [False, True])
+def test_balanced_rigidity_is_the_gradient_of_an_energy_that_ellipses_have_none_of(uneven, closed):
+    """(1 - c_balance) of (3) and c_balance of (3) less the ring's first harmonic, here by its Fourier transform."""
+    w20 = RNG.uniform(0.5, 2, (NS, 1)) + (RNG.uniform(-0.4, 3, (NS, NX)) if uneven else np.zeros((NS, NX)))
+    free = RNG.uniform(0, 1.2, NS)
+    tube = _closed(TUBE) if closed else TUBE
+    push = {"free": free} if uneven else {"balance": free * w20[:, 0] * (2 * NX * np.sin(np.pi / NX)) ** 4}
+    force, spine_force = Rig((tube, SPINE), closed=closed, w20=w20.ravel(), **push).forces()
+    counts = np.array([0, *np.ones(NS - 2), 0]) if closed else MASS.ravel()
+
+    def energy(v):
+        waves = np.fft.fft(v, axis=1)
+        waves[:, [1, -1]] = 0
+        total = 0.0
+        for share, line in ((1 - free, v), (free, np.fft.ifft(waves, axis=1).real)):
+            bends = np.roll(line, -1, axis=1) - 2 * line + np.roll(line, 1, axis=1)
+            total += np.sum((counts * share)[:, None, None] * w20[..., None] * bends**2) * NX**4 / 2
+        return total
+
+    expected = -reference.gradient(energy, tube, 1e-3)
+    np.testing.assert_allclose(force, expected, atol=2e-6 * np.abs(expected).max())
+    np.testing.assert_array_equal(spine_force, 0)
+
+
+def test_a_balanced_ring_settles_however_its_rigidity_varies():
+    """No direction in which forces grow: the linear map from nodes to minus their force has no negative value."""
+    w20 = RNG.uniform(0, 1, NX) * (np.arange(NX) > 2)
+    spine, size = even_spine(3), 3 * NX * 3
+    columns = []
+    for at in range(size):
+        tube = np.zeros(size)
+        tube[at] = 1.0
+        columns.append(-Rig((tube.reshape(3, NX, 3), spine), w20=np.tile(w20, 3), free=1.0).forces()[0].ravel())
+    push = -Rig((np.zeros((3, NX, 3)), spine), w20=np.tile(w20, 3), free=1.0).forces()[0].ravel()
+    matrix = np.array(columns) - push
+    values = np.linalg.eigvalsh(matrix)
+    np.testing.assert_allclose(matrix, matrix.T, atol=1e-5 * values[-1])
+    assert values[0] > -1e-5 * values[-1]
 
 
 def test_a_ring_too_thin_pushes_itself_open():
@@ -119,7 +160,9 @@ def test_a_ring_too_thin_pushes_itself_open():
 
 
 def test_closed_ends_feel_no_symmetry_expansion_or_ring_forces():
-    force, _ = Rig((_closed(TUBE), SPINE), closed=True, b=1.0, c=1.0, balance=1.0, d=1.0, w10=1.0, w20=1.0).forces()
+    force, _ = Rig(
+        (_closed(TUBE), SPINE), closed=True, b=1.0, c=1.0, balance=1.0, free=1.0, d=1.0, w10=1.0, w20=1.0
+    ).forces()
     np.testing.assert_array_equal(force[[0, -1]], 0)
     assert np.abs(force[1:-1]).min() > 0
 

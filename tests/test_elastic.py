@@ -119,7 +119,7 @@ def test_short_edges_of_the_spine_push():
 def test_tubes_do_not_feel_each_other():
     other, other_spine = RNG.normal(size=(6, 8, 3)), RNG.normal(size=(6, 3))
     weights = {"w10": 0.1, "w20": 0.2, "w11": 0.3, "w01": 0.4, "w02": 0.5, "w1": 0.6, "w2": 0.7, "k1": 1.0}
-    weights |= {"a": 1.0, "reaction": 0.5, "b": 1.0, "c": 0.1, "balance": 1.0, "d": 0.2, "centre": 0.5}
+    weights |= {"a": 1.0, "reaction": 0.5, "b": 1.0, "c": 0.1, "balance": 1.0, "free": 0.7, "d": 0.2, "centre": 0.5}
     for closed in (False, True):
         both = Rig((TUBE, SPINE), (other, other_spine), closed=closed, **weights)
         first, spine_forces = both.forces()
