@@ -13,7 +13,7 @@ from .hidden import window
 NAMES = {"no": (False, False), "first": (True, False), "last": (False, True), "both": (True, True)}
 """Words for the ends, in order along the axis."""
 ANCHOR = 5
-"""Rings before an end that say which way it goes on."""
+"""Least rings before an end that say which way it goes on, and how wide; as many as reach over the tube's width, if more."""
 BACK = 0.25
 """Share of a curve behind its end that says which way it goes on."""
 
@@ -83,14 +83,20 @@ def capped(tube: np.ndarray, spine: np.ndarray, ends: Sequence[bool], at: np.nda
     for end, last, outward in ((0, int(np.ceil(inner[0])), -1), (1, int(np.floor(inner[1])), 1)):
         if not ends[end]:
             continue
-        back = int(np.clip(last - outward * ANCHOR, 0, count - 1))
-        ahead = spine[last] - spine[back]
-        ahead /= max(np.linalg.norm(ahead), 1e-12)
-        ring = tube[:, last] - spine[last]
+        radius = np.linalg.norm(tube[:, last] - spine[last], axis=1).mean()
+        far = np.flatnonzero(np.linalg.norm(spine - spine[last], axis=1) < 2 * radius)
+        reach = int(max(ANCHOR, np.max(outward * (last - far), initial=0)))
+        # rings beside the end are pulled aside by what it goes on into: a line through many, not the last one's word
+        anchor = np.clip(last - outward * np.arange(reach + 1), 0, count - 1)
+        middle = spine[anchor].mean(axis=0)
+        ahead = np.linalg.svd(spine[anchor] - middle, full_matrices=False)[2][0]
+        ahead *= np.sign(ahead @ (spine[last] - spine[anchor[-1]])) or 1.0
+        ring = (tube[:, anchor] - spine[anchor]).mean(axis=1)
         radius = np.linalg.norm(ring, axis=1).mean()
         past_ = np.arange(last + outward, count if end else -1, outward)
         share = np.sin(0.5 * np.pi * np.abs(past_ - last) / len(past_))
-        spine[past_] = spine[last] + radius * share[:, None] * ahead
+        start = middle + ((spine[last] - middle) @ ahead) * ahead
+        spine[past_] = start + radius * share[:, None] * ahead
         tube[:, past_] = spine[past_] + np.sqrt(1 - np.minimum(share, 1.0) ** 2)[:, None] * ring[:, None]
         tube[:, past_[-1]] = spine[past_[-1]]
     return tube, spine

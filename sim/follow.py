@@ -19,8 +19,9 @@ from .relax import HOLD, Relaxation
 from .retake import profile, retaken
 from .search import shifted
 
-SHARE = 0.03
-"""Share of the rigidities w2 and w02 while tracking: more lags behind, less is lost."""
+SHARE, STUBBY = 0.03, 6.0
+"""Share of the rigidities w2 and w02 while tracking, more lags behind, less is lost; and below how many widths of length it
+grows, as a beam's own rigidity does, with the square of the width: what is stubby does not curl within its width."""
 STRETCH = 0.05
 """K1 of the spine while tracking, whose natural lengths are those of the first frame: nodes do not drift along it."""
 GIRTH = 1e-2
@@ -109,6 +110,7 @@ class Follower:
         self.seconds = 0.0
         slender = max(palette.length / (2 * palette.half_width) for palette in self.palettes)
         self.degree = int(np.clip(round(slender), *DEGREE))
+        self.share = float(np.clip(SHARE * (STUBBY / slender) ** 2, SHARE, 1.0))
         scene.hold_shares(HOLD)  # a bend changes them
         if scene.weights.materials[0].L1 is None:
             scene.weights.change(0, {"L1": scene.shape(0)["L1"], "k1": STRETCH})
@@ -229,7 +231,7 @@ class Follower:
         with HOST:
             if start is not None:
                 self._begin(looks, start, anew)
-            scene.weights.share = SHARE
+            scene.weights.share = self.share
             scene.set_potentials([[look.potentials[-1] for look in looks]])
             scene.hold_tangents()
             self.loop.set_material()

@@ -27,9 +27,15 @@ def window(box: np.ndarray, shape: tuple[int, ...], room: float = 0.0) -> tuple[
 
 def _rising(mask: np.ndarray, potential: Potential, near: float, rise: float) -> np.ndarray:
     """At a potential's samples, shape (h, w): 0 on a mask of them and `near` blurs further, 1 from `rise` more on."""
-    off = np.asarray(ndimage.distance_transform_edt(~mask)) * potential.step
+    rising = np.ones(mask.shape, np.float32)
+    if not mask.any():
+        return rising
     blur = np.sqrt(potential.sigma**2 + potential.step**2)
-    return np.clip((off / blur - near) / rise, 0.0, 1.0).astype(np.float32)
+    ends = np.array([np.flatnonzero(mask.any(axis=a))[[0, -1]] for a in (0, 1)]).T
+    part = window(ends, mask.shape, (near + rise) * blur / potential.step)
+    off = np.asarray(ndimage.distance_transform_edt(~mask[part])) * potential.step
+    rising[part] = np.clip((off / blur - near) / rise, 0.0, 1.0)
+    return rising
 
 
 def clear_of(meetings: np.ndarray, potential: Potential, map_: Foreground) -> np.ndarray:

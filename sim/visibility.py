@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 import warp as wp
-from scipy import ndimage
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
@@ -173,36 +173,52 @@ class Visibility:
             unit = 1.0 if camera.affine else own[..., 2].mean() ** 2
             margins.append(AHEAD * unit * np.linalg.norm(np.diff(centre, axis=0), axis=1).sum())
         boxes = np.array([[f[..., :2].min((0, 1)) - ROOM, f[..., :2].max((0, 1)) + ROOM] for f in flat])
-        meets = np.array([np.all((boxes[:, 0] < high) & (low < boxes[:, 1]), axis=1) for low, high in boxes])
+        meets = np.all((boxes[None, :, 0] < boxes[:, None, 1]) & (boxes[:, None, 0] < boxes[None, :, 1]), axis=2)
         _, group = connected_components(meets, directed=False)
+        # what only others have brought to be looked at stays where it was drawn: what it meets was looked at with it there
+        about = [tuple(np.flatnonzero(m).tolist()) for m in meets]
+        moved = np.array(
+            [not self._as_drawn(v, k, about[k], f, m) for k, (f, m) in enumerate(zip(flat, margins, strict=True))]
+        )
+        self._drawn.update({(v, k): (about[k], flat[k]) for k in np.flatnonzero(moved).tolist()})
+        anew = meets[:, moved].any(axis=1)
         found: dict[int, tuple[Hidden | None, np.ndarray]] = {}
-        for members in (np.flatnonzero(group == g) for g in np.unique(group)):
-            key = tuple(members.tolist())
-            if all(self._as_drawn(v, k, key, flat[k], margins[k]) for k in key):
-                continue
-            self._drawn.update({(v, k): (key, flat[k]) for k in key})
-            behind = [(None, np.zeros((0, 2)))]
-            if len(key) > 1:
-                own = [flat[k] for k in key], [margins[k] for k in key]
-                behind = self._group(*own, boxes[members], meets[np.ix_(members, members)], shape)
-            found |= {k: (_with_own(hidden, flat[k], shape), met) for k, (hidden, met) in zip(key, behind, strict=True)}
+        for g in np.unique(group[anew]):
+            members = np.flatnonzero((group == g) & meets[:, anew].any(axis=1))
+            own = [flat[k] for k in members], [margins[k] for k in members]
+            behind = self._group(*own, boxes[members], meets[np.ix_(members, members)], anew[members], shape)
+            found |= {
+                k: (_with_own(hidden, flat[k], shape), met)
+                for k, (hidden, met) in zip(members[anew[members]].tolist(), behind, strict=True)
+            }
         return found
 
-    def _as_drawn(self, v: int, k: int, key: tuple[int, ...], flat: np.ndarray, margin: float) -> bool:
-        """Whether a tube has been looked at with the same others where it is now."""
+    def _as_drawn(self, v: int, k: int, about: tuple[int, ...], flat: np.ndarray, margin: float) -> bool:
+        """Whether a tube has been looked at with the same others about it where it is now."""
         before, where = self._drawn.get((v, k), ((), flat))
         way = np.abs(where - flat).max(axis=(0, 1))
-        return before == key and bool(way[:2].max() < STILL and way[2] < margin)
+        return before == about and bool(way[:2].max() < STILL and way[2] < margin)
 
     def _group(
-        self, flat: list[np.ndarray], margins: list[float], boxes: np.ndarray, meets: np.ndarray, shape: tuple[int, ...]
+        self,
+        flat: list[np.ndarray],
+        margins: list[float],
+        boxes: np.ndarray,
+        meets: np.ndarray,
+        anew: np.ndarray,
+        shape: tuple[int, ...],
     ) -> list[tuple[Hidden | None, np.ndarray]]:
-        """The same for each of several tubes as seen whose boxes (K, 2, 2) meet, (K, K), in an image of that shape."""
+        """The same for those of several tubes as seen, boxes (K, 2, 2), that are to be looked at `anew`, (K,).
+
+        `meets` says whose boxes meet, (K, K), in an image of that shape.
+        """
         near, far = (np.array([f(own[..., 2]) for own in flat]) for f in (np.min, np.max))
         # first of a pair may lie in front of second somewhere
-        pairs = np.argwhere(meets & (near[:, None] < far - margins))
+        pairs = np.argwhere(
+            meets & ~np.eye(len(flat), dtype=bool) & (near[:, None] < far - margins) & (anew | anew[:, None])
+        )
         if not len(pairs):
-            return [(None, np.zeros((0, 2)))] * len(flat)
+            return [(None, np.zeros((0, 2)))] * int(anew.sum())
         size = np.array(shape[1::-1])
         shared = np.stack([boxes[pairs, 0].max(axis=1), boxes[pairs, 1].min(axis=1)], axis=1)
         first = np.clip(np.floor(shared[:, 0].min(axis=0)), 0, size - 1).astype(int)
@@ -217,8 +233,10 @@ class Visibility:
             for (left, top), (right, bottom) in np.maximum(corners, 0).astype(int):
                 where[top:bottom, left:right] = True
             depth, owner = cast_rays(meshes, (height, width), where)
-        each = zip(flat, boxes - first, margins, strict=True)
-        return [_behind(depth, owner, k, own.mean(axis=0), box, first, margin) for k, (own, box, margin) in enumerate(each)]
+        return [
+            _behind(depth, owner, k, flat[k].mean(axis=0), boxes[k] - first, first, margins[k])
+            for k in np.flatnonzero(anew).tolist()
+        ]
 
 
 def note_others(scenes: Sequence[Assembly]) -> None:
@@ -255,7 +273,7 @@ def _behind(
     if other.any():
         rows, columns = np.nonzero(other)
         at = np.stack([columns, rows], axis=1) + corner
-        nearest = ((at[:, None] - centre[None, :, :2]) ** 2).sum(axis=2).argmin(axis=1)
+        nearest = KDTree(centre[:, :2]).query(at)[1]
         mask[rows, columns] = depth[part][rows, columns] < centre[nearest, 2] - margin
     return Hidden(mask, corner) if mask.any() else None, _meetings(owner[part], number, mask) + corner
 
@@ -275,10 +293,15 @@ def _meetings(owner: np.ndarray, number: int, hides: np.ndarray) -> np.ndarray:
         apart = (o[:-1] != o[1:]) & (o[:-1] != number) & (o[1:] != number)
         e[:-1] |= apart
         e[1:] |= apart
-    around = np.ones((3, 3), bool)
-    edge &= ndimage.binary_dilation(owner == number, around)
-    edge &= np.logical_not(ndimage.binary_dilation(hides, around, iterations=2))
-    return np.argwhere(edge)[:, ::-1]
+    at = np.argwhere(edge)
+
+    def beside(mask: Any, reach: int) -> Any:
+        """Which of those pixels have one of a mask within reach in both directions."""
+        steps = np.arange(2 * reach + 1)
+        rows, columns = (at[:, i, None, None] + steps.reshape((-1, 1) if i == 0 else (1, -1)) for i in (0, 1))
+        return np.pad(mask, reach)[rows, columns].any(axis=(1, 2))
+
+    return at[beside(owner == number, 1) & ~beside(hides, 2)][:, ::-1]
 
 
 def _with_own(found: Hidden | None, tube: np.ndarray, shape: tuple[int, ...]) -> Hidden | None:
