@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,16 +12,15 @@ from scipy import ndimage
 from scipy.special import gamma
 
 from .camera import Camera
+from .filters import correlation, derivatives, gaussian, smoothed
 from .foreground import Foreground
 from .problem import Settings, View
 from .sampling import colours, resample
 
 WIDE = 64.0
 """Most samples for an object's half width: finer images are sampled down, so that work does not grow with them."""
-COARSE = 5.0
+COARSE = 3.0
 """Most samples for a sigma: beyond, every second sample serves as well."""
-SMOOTH = 2.1
-"""Sigma [samples] from which differences of neighbours serve as derivatives of an edge's strength."""
 FLOOR = 0.03
 """Share of the strongest edge below which an edge pulls less and less."""
 THIN, THICK = 4.0, 6.0
@@ -43,11 +43,13 @@ SLOWLY = 0.3
 """Sigma, in half widths of the object, over which what shading adds to the pull is averaged along the outline."""
 ON = 0.3
 """How far from an edge what is averaged may lie [blurs]."""
+SPARSE = 4.0
+"""Samples for the sigma of what is averaged so widely."""
 STRAY = 0.06
 """How far what shading adds may depart from that average [blurs]."""
-UNTOLD = 0.02
-"""Share of the edges' squares that may be left out with channels, where they are."""
-LIMB = float(np.sqrt(2) * gamma(0.75) / gamma(0.25))
+UNTOLD = 0.03
+"""Share of the edges' squares that may be left out with channels, where they are, at every second sample."""
+LIMB = math.sqrt(2) * float(gamma(0.75) / gamma(0.25))
 """Pull of a root of the distance to an edge, at the edge [sigmas]: grad P / P of its slope, convolved with a Gaussian."""
 
 
@@ -97,30 +99,40 @@ def sigma_list(half_width: float, step: float, given: tuple[float, ...] | None) 
     return [*out, last]
 
 
-def _gaussian(sigma: float) -> np.ndarray:
-    x = np.arange(-np.ceil(4 * sigma), np.ceil(4 * sigma) + 1)
-    g = np.exp(-0.5 * (x / sigma) ** 2)
-    return g / g.sum()
-
-
-def _derivatives(sigma: float) -> tuple[np.ndarray, np.ndarray]:
-    """Kernels of the first and second derivative, exact on parabolas however small sigma is."""
-    g = _gaussian(sigma)
-    x = np.arange(len(g)) - len(g) // 2
-    once, twice = x * g, x**2 * g - (x**2 * g).sum() * g
-    return once / (once * x).sum(), 2 * twice / (twice * x**2).sum()
-
-
 def fewer(image: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """An image (h, w, channels) in as few channels as tell its edges where they have weight (h, w), but for `UNTOLD`.
 
-    Turning the space of colours changes no sum over channels of squares of derivatives.
+    Turning the space of colours changes no sum over channels of squares of derivatives. Every second sample tells: what
+    comes and goes between neighbours is noise.
     """
-    ways = np.stack([np.diff(image, axis=1)[:-1], np.diff(image, axis=0)[:, :-1]]) * weight[:-1, :-1, None]
+    half = image.shape[0] // 2 + 1, image.shape[1] // 2 + 1
+    few, weight = (resample(v, np.zeros(2), 2.0, half) for v in (image, weight))
+    ways = np.stack([np.diff(few, axis=1)[:-1], np.diff(few, axis=0)[:, :-1]]) * weight[:-1, :-1, None]
     ways = ways.reshape(-1, image.shape[2])
     squares, axes = np.linalg.eigh((ways.T @ ways).astype(float))
     first = int((np.cumsum(squares) <= UNTOLD * squares.sum()).sum())
     return image @ axes[:, min(first, len(squares) - 1) :].astype(np.float32) if first else image
+
+
+def _gradient(values: np.ndarray) -> np.ndarray:
+    """By columns and by rows, shape (2, h, w)."""
+    rows, columns = np.gradient(values)
+    return np.stack([columns, rows])
+
+
+def _size(vectors: np.ndarray) -> np.ndarray:
+    """Of vectors (2, h, w), shape (h, w)."""
+    return np.sqrt(vectors[0] * vectors[0] + vectors[1] * vectors[1])
+
+
+def _widely(values: np.ndarray, sigma: float) -> np.ndarray:
+    """Values (h, w, channels) smoothed by a wide sigma [samples], of which every so many serve as well."""
+    step = max(1.0, np.floor(sigma / SPARSE))
+    h, w, channels = values.shape
+    few = resample(values, np.zeros(2), step, (int(np.ceil((h - 1) / step)) + 1, int(np.ceil((w - 1) / step)) + 1))
+    rest = math.sqrt(max(sigma**2 - 0.25 * (step**2 - 1), 1e-6)) / step
+    few = np.stack([smoothed(few[..., i], rest) for i in range(channels)], axis=-1)
+    return resample(few, np.zeros(2), 1 / step, (h, w), smooth=False)
 
 
 class ScaleSpace:
@@ -129,7 +141,7 @@ class ScaleSpace:
     Args:
         view, camera, map_, settings: of the tube in the view.
         known: colours (h, w, channels) at the map's samples, for a quick look: where these are no finer than pixels
-            they serve, and no more channels than tell the edges at the map's outline.
+            they serve.
     """
 
     def __init__(self, view: View, camera: Camera, map_: Foreground, settings: Settings, known: np.ndarray | None = None):
@@ -149,7 +161,7 @@ class ScaleSpace:
         if settings.potential == "brightness":
             self.image = self.image[..., :1]
         self._outlines: dict[float, np.ndarray] = {}
-        if known is not None and self.image.shape[2] > 1:
+        if settings.potential == "map" and self.image.shape[2] > 1:
             self.image = fewer(self.image, self._gate(1.0))
         self.sigmas = sigma_list(map_.half_width, self.step, settings.sigmas)
         self.known = None
@@ -161,9 +173,10 @@ class ScaleSpace:
         """The same at half the samples a side."""
         half = copy.copy(self)
         half._outlines = {}
-        vars(half).pop("_depth", None)
+        for made in ("_depth", "_planes"):
+            vars(half).pop(made, None)
         half.step = 2 * self.step
-        half.shape = ((self.shape[0] + 1) // 2, (self.shape[1] + 1) // 2)
+        half.shape = (self.shape[0] // 2 + 1, self.shape[1] // 2 + 1)
         half.image, half.inside = (resample(v, np.zeros(2), 2.0, half.shape) for v in (self.image, self.inside))
         if self.known is not None:
             half.known = resample(self.known, np.zeros(2), 2.0, half.shape)
@@ -172,7 +185,12 @@ class ScaleSpace:
     @cached_property
     def _depth(self) -> np.ndarray:
         """Depth in the map's object [samples]."""
-        return np.asarray(ndimage.distance_transform_edt(self.inside > 0.5))
+        mask, depth = self.inside > 0.5, np.zeros(self.shape, np.float32)
+        if mask.any():
+            lo, hi = (f(np.argwhere(mask), axis=0) for f in (np.min, np.max))
+            box = tuple(slice(max(a - 1, 0), b + 2) for a, b in zip(lo, hi, strict=True))
+            depth[box] = ndimage.distance_transform_edt(mask[box])
+        return depth
 
     def _sampled(self, image: np.ndarray) -> np.ndarray:
         """Colours of the part that is looked at; only its samples are converted."""
@@ -207,33 +225,32 @@ class ScaleSpace:
     def _outline(self, sigma: float) -> np.ndarray:
         """The map smoothed by sigma [samples]; asked for again and again."""
         if sigma not in self._outlines:
-            self._outlines[sigma] = self._smooth(self.inside, sigma)
+            self._outlines[sigma] = smoothed(self.inside, sigma)
         return self._outlines[sigma]
 
-    def _smooth(self, values: np.ndarray, sigma: float) -> np.ndarray:
-        axes = (sigma, sigma) + (0,) * (values.ndim - 2)
-        return ndimage.gaussian_filter(values, axes, mode="nearest", truncate=3.0)
+    @cached_property
+    def _planes(self) -> list[np.ndarray]:
+        """Each channel of the image turned over, shape (w, h)."""
+        return [np.ascontiguousarray(self.image[..., i].T) for i in range(self.image.shape[2])]
 
     def _edges(self, s: float, weight: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
         """P = weight |grad G*I| over all channels [1/sample] and weight grad |grad G*I|, shape (2, h, w); s in samples.
 
-        By derivatives of the Gaussian, the second too below `SMOOTH`: differences would blur once more what is finest.
+        By derivatives of the Gaussian, the second too: differences would blur once more what is finest.
         """
-        once, twice = _derivatives(s)
-        smooth = _gaussian(s)
-
-        def filtered(values: np.ndarray, kernel: np.ndarray, axis: int) -> np.ndarray:
-            return ndimage.correlate1d(values, kernel, axis, mode="nearest")
-
-        along, plain = filtered(self.image, once, 1), filtered(self.image, smooth, 1)
-        x, y = filtered(along, smooth, 0), filtered(plain, once, 0)
-        p = np.sqrt((x**2 + y**2).sum(-1))
-        if s < SMOOTH:
-            xx, xy = filtered(filtered(self.image, twice, 1), smooth, 0), filtered(along, once, 0)
-            yy = filtered(plain, twice, 0)
-            slope = np.stack([(x * xx + y * xy).sum(-1), (x * xy + y * yy).sum(-1)]) / (p + 1e-12)
-        else:
-            slope = np.stack(np.gradient(p)[::-1])
+        h, w = self.shape
+        once, twice = derivatives(s)
+        columns = correlation(w, once, gaussian(s), twice)
+        first, smooth, second = (correlation(h, kernel) for kernel in (once, gaussian(s), twice))
+        p, slope = np.zeros((h, w), np.float32), np.zeros((2, h, w), np.float32)
+        for plane in self._planes:
+            along, plain, bent = (np.ascontiguousarray(v.T) for v in np.split(columns @ plane, 3))
+            x, y, xy = smooth @ along, first @ plain, first @ along
+            p += x * x + y * y
+            slope[0] += x * (smooth @ bent) + y * xy
+            slope[1] += x * xy + y * (second @ plain)
+        p = np.sqrt(p)
+        slope /= p + 1e-12
         if self.known is not None:
             weight = weight * self.known
         return weight * p, weight * slope
@@ -251,6 +268,7 @@ class ScaleSpace:
         """
         if sigma > COARSE * self.step:
             return self._half.at(sigma, finest)
+        sigma = float(sigma)  # numpy's scalars would make everything double
         s = sigma / self.step
         if self.settings.potential != "map":
             return self._edged(sigma, 1.0, None, finest)
@@ -258,8 +276,7 @@ class ScaleSpace:
         if sigma <= MAP_LED * self.map.half_width or self.settings.force == "paper":
             return self._edged(sigma, self._gate(s), sure, finest)
         nothing = np.zeros_like(sure)
-        rows, cols = np.gradient(0.5 * sure)
-        p = np.hypot(rows, cols)
+        p = 0.5 * _size(_gradient(sure))
         return self._potential(sigma, [nothing, nothing, self._pressure(sigma, sure), self._pole(sigma, sure)], p)
 
     def _edged(self, sigma: float, weight: np.ndarray | float, sure: np.ndarray | None, finest: bool) -> Potential:
@@ -269,13 +286,13 @@ class ScaleSpace:
         nothing = np.zeros_like(p)
         if self.settings.force == "paper":
             # per image px, as (11) says; one factor a scale, as if in beta
-            unit = np.sqrt(2 * np.pi) * sigma**3
+            unit = math.sqrt(2 * math.pi) * sigma**3
             return self._potential(sigma, [*(slope * unit / self.step**2), nothing, nothing], p)
         pull = self._pull(s, p, slope)
         thin = 0.0 if sure is None else self._thin(s)
         if finest and sure is not None:
             pull -= (1 - thin) * self._limb(s, weight, p, pull)
-        pull *= np.minimum(1.0, RANGE * s / np.maximum(np.linalg.norm(pull, axis=0), 1e-12)) * self.step
+        pull *= np.minimum(1.0, RANGE * s / np.maximum(_size(pull), 1e-12)) * self.step
         if sure is None:
             return self._potential(sigma, [*pull, nothing, nothing], p)
         # in a tip either side's edge also draws the other side's contour: there the map must speak up
@@ -294,24 +311,25 @@ class ScaleSpace:
         slope of the smoothed edge inward. A step and y such roots, in shares of the slope at blur 1, pull by
         LIMB y / (1 + y) at blur 1 and by twice that of sqrt(2) y at blur 2; their difference gives y.
         """
-        blur, two = self._blur(s), np.sqrt(2)
-        wide = np.sqrt(s**2 + 3 * blur**2)
+        blur, two = self._blur(s), math.sqrt(2)
+        wide = math.sqrt(s**2 + 3 * blur**2)
         p_wide, slope = self._edges(wide, weight)
         change = self._pull(wide, p_wide, slope) - pull
-        size = np.linalg.norm(change, axis=0) + 1e-12
+        size = _size(change) + 1e-12
         d = np.clip(size / (blur * LIMB), 0, 1)
         b = 2 * two - 1 - (1 + two) * d
         y = 2 * d / (b + np.sqrt(b**2 + 4 * two * (1 - d) * d) + 1e-12)
         # at the edge alone, where twice the blur halves a step and takes 1 / sqrt(2) of a root; beside it both grow
         at_edge = np.clip((p / (p_wide + 1e-12) - 1) / (two - 1), 0, 1)
         # shading changes slowly along the outline, texture and clutter do not
-        rows, cols = np.gradient(self._outline(GATE * self.map.step / self.step))
-        normal = np.stack([cols, rows]) / (np.hypot(cols, rows) + 1e-12)
+        normal = _gradient(self._outline(GATE * self.map.step / self.step))
+        normal /= _size(normal) + 1e-12
         across = (change * normal).sum(axis=0) * (blur * LIMB * y / (1 + y) / size)
         off = (pull * normal).sum(axis=0) - at_edge * across
         here = p * at_edge * np.exp(-0.5 * (off / (ON * blur)) ** 2)
         wide = SLOWLY * self.map.half_width / self.step
-        mean = self._smooth(here * across, wide) / (self._smooth(here, wide) + 1e-12)
+        said, heard = np.moveaxis(_widely(np.stack([here * across, here], axis=-1), wide), -1, 0)
+        mean = said / (heard + 1e-12)
         return normal * at_edge * (mean + np.clip(across - mean, -STRAY * blur, STRAY * blur))
 
     def _thin(self, s: float) -> np.ndarray:
@@ -321,7 +339,7 @@ class ScaleSpace:
 
     def _blur(self, s: float) -> float:
         """Sigma [samples] of a step edge smoothed by `s`: the pixels' own extent and the resampling blur it too."""
-        return float(np.sqrt(s**2 + 1 / 12 + 0.25 * (1 - 1 / self.step**2)))
+        return math.sqrt(s**2 + 1 / 12 + 0.25 * (1 - 1 / self.step**2))
 
     @staticmethod
     def _floor(p: np.ndarray) -> float:
@@ -330,13 +348,12 @@ class ScaleSpace:
     @staticmethod
     def _pressure(sigma: float, sure: np.ndarray) -> np.ndarray:
         """Outward push [px]: an outline smoothed by sigma has slope 1 / (sigma sqrt(2 pi)), so a unit spring at it."""
-        return np.sqrt(np.pi / 2) * sigma * sure
+        return math.sqrt(math.pi / 2) * sigma * sure
 
     def _pole(self, sigma: float, sure: np.ndarray) -> np.ndarray:
         """Push on a pole [px]; none on a plain outline, where the contour has its own force and a push would slide it."""
         wide = max(sigma / self.step, GATE * self.map.step / self.step)
-        slope = np.hypot(*np.gradient(self._outline(wide), axis=(0, 1)))
-        plain = np.sqrt(2 * np.pi) * wide * slope
+        plain = math.sqrt(2 * math.pi) * wide * _size(_gradient(self._outline(wide)))
         return max(sigma, 2.5 * self.step) * sure * np.clip(1 - plain, 0, 1)
 
     def _gate(self, s: float) -> np.ndarray:

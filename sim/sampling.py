@@ -25,14 +25,17 @@ def resample(values: np.ndarray, origin: np.ndarray, step: float, shape: tuple[i
         float32, shape (*shape) or (*shape, channels).
     """
     h, w = values.shape[:2]
+    (x, y), (rows, columns) = (int(v) for v in origin), shape
+    if step == 1 and (x, y) == tuple(origin) and min(x, y) >= 0 and x + columns <= w and y + rows <= h:
+        return values[y : y + rows, x : x + columns].astype(np.float32)
     sigma = 0.5 * np.sqrt(max(step**2 - 1, 0.0)) if smooth else 0.0
     lines = (_line(n, origin[i] + step * np.arange(shape[1 - i]), sigma) for i, n in ((1, h), (0, w)))
-    (top, bottom, rows), (left, right, columns) = lines
+    (top, bottom, down), (left, right, across) = lines
     part = values[top:bottom, left:right].astype(np.float32)
     h, w = part.shape[:2]
-    half = (rows @ part.reshape(h, -1)).reshape(shape[0], w, -1)
+    half = (down @ part.reshape(h, -1)).reshape(rows, w, -1)
     half = np.ascontiguousarray(half.transpose(1, 0, 2)).reshape(w, -1)
-    out = (columns @ half).reshape(shape[1], shape[0], -1).transpose(1, 0, 2)
+    out = (across @ half).reshape(columns, rows, -1).transpose(1, 0, 2)
     return np.ascontiguousarray(out).reshape(*shape, *values.shape[2:])
 
 
@@ -56,9 +59,9 @@ def colours(image: np.ndarray) -> np.ndarray:
     """Lab over (100, 180, 180) of a colour image, grey as it is: shape (H, W, channels), differences of order one."""
     if image.ndim == 2:
         return image[..., None].astype(np.float32)
-    if np.abs(np.diff(image, axis=2)).max() < 1e-3:
+    if max(np.abs(image[..., 0] - image[..., i]).max() for i in (1, 2)) < 1e-3:
         return image[..., :1].astype(np.float32)
-    return (color.rgb2lab(image) / np.array([100.0, 180.0, 180.0])).astype(np.float32)
+    return color.rgb2lab(image.astype(np.float32, copy=False)) / np.array([100.0, 180.0, 180.0], np.float32)
 
 
 def tinted(x: np.ndarray) -> np.ndarray:
