@@ -17,7 +17,7 @@ from skimage import measure
 from threadpoolctl import threadpool_limits
 
 from .ribbon import ribbon
-from .sampling import seen_colours
+from .sampling import resample, seen_colours
 from .walk import Walk
 
 AXIS = 130.0
@@ -75,11 +75,13 @@ class Foreground:
 
     def in_image(self, shape: tuple[int, int], origin: tuple[float, float] = (0.0, 0.0), step: float = 1.0) -> np.ndarray:
         """The map at samples from an image point on, a step [image px] apart, by default pixels; 0 where not looked at."""
-        rows = (origin[1] + step * np.arange(shape[0]) - self.origin[1]) / self.step
-        cols = (origin[0] + step * np.arange(shape[1]) - self.origin[0]) / self.step
-        near = [np.flatnonzero((x > -1) & (x < n)) for x, n in zip((rows, cols), self.inside.shape, strict=True)]
-        grid, out = np.meshgrid(rows[near[0]], cols[near[1]], indexing="ij"), np.zeros(shape, self.inside.dtype)
-        out[np.ix_(*near)] = ndimage.map_coordinates(self.inside, grid, order=1, mode="constant")
+        start, rate = (np.asarray(origin) - self.origin)[::-1] / self.step, step / self.step
+        places = [x + rate * np.arange(n) for x, n in zip(start, shape, strict=True)]
+        near = [np.flatnonzero((x >= 0) & (x <= n - 1)) for x, n in zip(places, self.inside.shape, strict=True)]
+        out = np.zeros(shape, self.inside.dtype)
+        if len(near[0]) and len(near[1]):
+            first = np.array([places[1][near[1][0]], places[0][near[0][0]]])
+            out[np.ix_(*near)] = resample(self.inside, first, rate, (len(near[0]), len(near[1])), smooth=False)
         return out
 
 
@@ -272,7 +274,7 @@ def _rounds(
         beyond = far | ((look.off > reach[look.place]) & (ratio < CLEAR))
         prior[sure], prior[beyond] = 1.0, 0.0
         hold = np.where(look.known, PRIOR, 1e-6) + np.where(sure | beyond, SEED, 0.0)
-        inside = walk.solve(hold, prior, inside, again and decide)
+        inside = walk.solve(hold, prior, inside if again else prior, again and decide)
         mine = _at_axis(inside, look.line) | sure
         reach = _reach(mine, look.line, slack)
         if again:

@@ -47,7 +47,7 @@ SPARSE = 4.0
 """Samples for the sigma of what is averaged so widely."""
 STRAY = 0.06
 """How far what shading adds may depart from that average [blurs]."""
-UNTOLD = 0.03
+UNTOLD = 0.01
 """Share of the edges' squares that may be left out with channels, where they are, at every second sample."""
 LIMB = math.sqrt(2) * float(gamma(0.75) / gamma(0.25))
 """Pull of a root of the distance to an edge, at the edge [sigmas]: grad P / P of its slope, convolved with a Gaussian."""

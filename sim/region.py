@@ -58,7 +58,7 @@ def region_map(
     x, known = seen_colours(image, ignore, lo, step, shape)
     cells = walker.colour_cells(x)
     mine = enclosed((points - lo) / step, shape)
-    within, beyond = walker._depth(mine), walker._depth(~mine)
+    within, beyond = walker._depth(mine), walker._depth(~mine, border=False)
     deepest = max(float(within.max()), 1.0)
     core, far = within >= CORE * deepest, beyond > FAR * deepest
     rows, cols = np.mgrid[: shape[0], : shape[1]]
@@ -74,7 +74,7 @@ def region_map(
         sure = core & (ratio > -1.0)
         prior[sure], prior[far] = 1.0, 0.0
         hold = np.where(known, walker.PRIOR, 1e-6) + np.where(sure | far, walker.SEED, 0.0)
-        inside = walk.solve(hold, prior, inside, k > 0 and len(marks) == 0)
+        inside = walk.solve(hold, prior, inside if k > 0 else prior, k > 0 and len(marks) == 0)
         mine = walker._at_axis(inside, np.argwhere(core)[:, ::-1].astype(float)) | sure
     half = max(float(walker._depth(mine).max()), 2.0)
     # what leaves the image ends at its border, or a pressure would drive the curve on and on

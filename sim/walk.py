@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from scipy import sparse
-from scipy.sparse.linalg import LinearOperator, cg, splu
+from scipy.linalg import cho_solve_banded, cholesky_banded
+from scipy.sparse.linalg import LinearOperator, cg
 
+AHEAD = ((0, 1), (1, 0), (1, 1), (1, -1))
+"""Rows and columns from a sample to the neighbours that come after it; the others come before."""
 BLOCK = 8
 """Side of a block of samples that the solver takes as one first."""
 PARTING = 0.4
@@ -31,8 +35,9 @@ class Walk:
     """the other."""
     weight: np.ndarray
     """of each pair."""
-    block: np.ndarray
-    """which block each sample is in."""
+    pair: np.ndarray
+    """which pair each sample makes with its neighbours to the right, below, below right and below left, shape (4, h, w); -1
+    where none."""
 
     @staticmethod
     def on(x: np.ndarray, where: np.ndarray, known: np.ndarray) -> Walk:
@@ -44,32 +49,65 @@ class Walk:
             known: what may be looked at, shape (h, w), bool.
         """
         h, w = where.shape
-        index = np.cumsum(where).reshape(h, w) - 1
+        index, planes = np.cumsum(where).reshape(h, w) - 1, np.ascontiguousarray(np.moveaxis(x, 2, 0))
         firsts, seconds, squares, ties, total, count = [], [], [], [], 0.0, 0
-        for dy, dx in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        pair, made = np.full((len(AHEAD), h, w), -1, np.int32), 0
+        for k, (dy, dx) in enumerate(AHEAD):
             a = (slice(0, h - dy), slice(max(0, -dx), w - max(0, dx)))
             b = (slice(dy, h), slice(max(0, dx), w + min(0, dx)))
-            square = ((x[a] - x[b]) ** 2).sum(-1)
+            square = np.sum([(plane[a] - plane[b]) ** 2 for plane in planes], axis=0)
             total, count = total + square.sum(), count + square.size
             both = where[a] & where[b]
             firsts.append(index[a][both])
             seconds.append(index[b][both])
             squares.append(square[both])
             ties.append(np.where(known[a] & known[b], 1.0, UNKNOWN)[both])
+            pair[k][a][both] = np.arange(made, made + len(firsts[-1]))
+            made += len(firsts[-1])
         weight = np.exp(-np.concatenate(squares) / (2 * PARTING * total / count + 1e-12)) + 1e-4
-        weight *= np.concatenate(ties)
-        rows, cols = np.indices((h, w)) // BLOCK
-        block = np.unique((rows * (cols.max() + 1) + cols)[where], return_inverse=True)[1]
-        return Walk(where, np.concatenate(firsts), np.concatenate(seconds), weight, block)
+        weight = weight * np.concatenate(ties)
+        return Walk(where, np.concatenate(firsts), np.concatenate(seconds), weight, pair)
 
     @cached_property
     def _laid(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Columns and starts of rows of the matrix, and which of pairs, pairs turned round and diagonal stands where."""
-        at = np.arange(len(self.block))
-        rows, columns = (np.concatenate(v) for v in ((self.first, self.second, at), (self.second, self.first, at)))
-        laid = sparse.csr_array((np.arange(len(rows)), (rows, columns)), shape=(len(at), len(at)))
-        laid.sort_indices()
-        return laid.indices, laid.indptr, laid.data
+        """Columns and starts of rows of the matrix, and which pair, or after them which sample, each entry is of."""
+        h, w = self.where.shape
+        column = np.cumsum(self.where, dtype=np.int32).reshape(h, w) - 1
+        column = np.pad(np.where(self.where, column, -1), 1, constant_values=-1)
+        pair = np.pad(self.pair, ((0, 0), (1, 1), (1, 1)), constant_values=-1)
+        columns, sources = [], []
+        for dy, dx in itertools.product((-1, 0, 1), repeat=2):
+            there = slice(1 + dy, h + 1 + dy), slice(1 + dx, w + 1 + dx)
+            if (dy, dx) in AHEAD:
+                source = self.pair[AHEAD.index((dy, dx))]
+            elif (dy, dx) == (0, 0):
+                source = column[there] + np.int32(len(self.first))
+            else:
+                source = pair[AHEAD.index((-dy, -dx))][there]
+            columns.append(column[there][self.where])
+            sources.append(source[self.where])
+        columns, sources = np.stack(columns, axis=1), np.stack(sources, axis=1)
+        there = columns >= 0
+        return columns[there], np.concatenate([[0], np.cumsum(there.sum(axis=1))]).astype(np.int32), sources[there]
+
+    @cached_property
+    def _blocks(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Which block each sample is in, counted by rows; pairs across blocks, and both their blocks, shape (2, pairs)."""
+        rows, cols = np.indices(self.where.shape) // BLOCK
+        place = (rows * (cols.max() + 1) + cols)[self.where]
+        block = (np.cumsum(np.bincount(place) > 0) - 1)[place]
+        both = np.stack([block[self.first], block[self.second]])
+        across = np.flatnonzero(both[0] != both[1])
+        return block, across, np.sort(both[:, across], axis=0)
+
+    def _coarse(self, hold: np.ndarray, weight: np.ndarray) -> np.ndarray:
+        """Factor of the system on blocks, in LAPACK's lower bands."""
+        block, across, (low, high) = self._blocks
+        count, wide = int(block.max()) + 1, int((high - low).max(initial=0)) + 1
+        ties = weight[across]
+        bands = -np.bincount((high - low) * count + low, ties, wide * count).reshape(wide, count)
+        bands[0] = np.bincount(block, hold) + np.bincount(low, ties, count) + np.bincount(high, ties, count)
+        return cholesky_banded(bands, overwrite_ab=True, lower=True, check_finite=False)
 
     def solve(self, hold: np.ndarray, prior: np.ndarray, start: np.ndarray, again: bool) -> np.ndarray:
         """The map x that minimises sum w (x_i - x_j)^2 + sum hold (x - prior)^2, shape (h, w); 0 off the walk.
@@ -83,22 +121,19 @@ class Walk:
 
         By conjugate gradients, preconditioned by the diagonal and by the system on blocks of samples.
         """
-        guess, w, n = start[self.where], self.weight, len(self.block)
+        guess, w, n, held = start[self.where], self.weight, int(self.where.sum()), hold[self.where]
         if again:
             w = w / np.maximum(1.0, np.abs(guess[self.first] - guess[self.second]) / DECIDED)
-        own = hold[self.where] + np.bincount(self.first, w, n) + np.bincount(self.second, w, n)
-        indices, starts, order = self._laid
-        a = sparse.csr_array((np.concatenate([-w, -w, own])[order], indices, starts), shape=(n, n))
-        inverse, coarse = 1 / own, []
+        own = held + np.bincount(self.first, w, n) + np.bincount(self.second, w, n)
+        columns, starts, sources = self._laid
+        a = sparse.csr_array((np.concatenate([-w, own])[sources], columns, starts), shape=(n, n))
+        inverse, coarse, block = 1 / own, self._coarse(held, w), self._blocks[0]
 
         def rough(r: np.ndarray) -> np.ndarray:
-            if not coarse:  # a good guess needs none
-                whole = sparse.csr_array((np.ones(n), (np.arange(n), self.block)))
-                coarse.append(splu((whole.T @ a @ whole).tocsc()))
-            return inverse * r + coarse[0].solve(np.bincount(self.block, r))[self.block]
+            return inverse * r + cho_solve_banded((coarse, True), np.bincount(block, r), check_finite=False)[block]
 
-        both = LinearOperator(a.shape, matvec=rough)  # pyright: ignore[reportCallIssue]
-        found, _ = cg(a, (hold * prior)[self.where], x0=guess, rtol=1e-4, maxiter=600, M=both)
+        both = LinearOperator(a.shape, rough, dtype=float)  # pyright: ignore[reportCallIssue]
+        found, _ = cg(a, held * prior[self.where], x0=guess, rtol=1e-4, maxiter=600, M=both)
         inside = np.zeros(self.where.shape)
         inside[self.where] = found
         return inside
