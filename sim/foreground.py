@@ -284,10 +284,10 @@ def _rounds(
 
 def _from_axis(line: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
     """Of each sample: distance to the axis [samples] and which of the axis' points is nearest."""
-    dense = axis_curve(line, 4 * len(line))
-    ij = np.clip(np.rint(dense[:, ::-1]).astype(int), 0, np.array(shape) - 1)
+    at = np.arange(4 * len(line) - 3) / 4
+    column, row = (np.rint(np.interp(at, np.arange(len(line)), c)).astype(int) for c in line.T)
     index = np.full(shape, -1)
-    index[ij[:, 0], ij[:, 1]] = np.arange(len(dense)) // 4
+    index[np.clip(row, 0, shape[0] - 1), np.clip(column, 0, shape[1] - 1)] = np.rint(at)
     off, near = ndimage.distance_transform_edt(index < 0, return_indices=True)  # pyright: ignore
     return off, index[near[0], near[1]]
 

@@ -19,6 +19,8 @@ from .surface import refine, silhouette, smooth_pieces, volume_and_area
 
 REACH = 0.15
 """How far from the contour its edge is looked for, in half widths of the object."""
+RINGING = 12
+"""Samples beyond which no other matters to a cubic spline."""
 STRONG = 0.2
 """Least strength of an edge, beside the contour's typical one."""
 SURE = 0.9
@@ -184,7 +186,7 @@ def contour_support(
     reach = max(REACH * half_width, 3 * potential.sigma)
     t = np.arange(-np.ceil(reach / step * 2), np.ceil(reach / step * 2) + 1) * (step / 2)
     at = (points[:, None] + t[:, None] * normals[:, None] - np.array(potential.origin)) / step
-    profile = ndimage.map_coordinates(potential.magnitude, [at[..., 1], at[..., 0]], order=3, mode="constant")
+    profile = _cubic(potential.magnitude, at)
     typical = np.quantile(profile.max(axis=1), 0.75) if len(points) else 0.0
     # the nearest strong edge; beside a busy ground it need not be the strongest
     inner = profile[:, 1:-1]
@@ -203,6 +205,17 @@ def contour_support(
         beyond = ndimage.map_coordinates(inside, _at(points + reach * normals, potential), order=1, mode="constant")
         supported &= within - beyond > 0.2
     return Support(supported, offset, lengths(points))
+
+
+def _cubic(values: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Values at places (n, m, 2), (column, row), by cubic splines through those about them; 0 beyond the field."""
+    if not at.size:
+        return np.zeros(at.shape[:2])
+    size = np.array(values.shape[::-1])
+    first = np.clip(np.floor(at.min((0, 1))).astype(int) - RINGING, 0, size - 1)
+    last = np.clip(np.ceil(at.max((0, 1))).astype(int) + RINGING, first, size - 1)
+    part = values[first[1] : last[1] + 1, first[0] : last[0] + 1]
+    return ndimage.map_coordinates(part, [at[..., 1] - first[1], at[..., 0] - first[0]], order=3, mode="constant")
 
 
 def _at(points: np.ndarray, potential: Potential) -> np.ndarray:

@@ -245,8 +245,6 @@ class Relaxation:
         self.residual = self.loop.residual()
         tolerance = scene.settings.tolerance * (1.0 if last else COARSE)
         at_rest = self.residual < tolerance and (not last or self._moved < REST)
-        # what is done until an event does not depend on it: a spring that is added later leads to the same bits
-        pending = scene.springs.pending(self.iteration) or not scene.weights.settled(scene.time)
         self.converged = at_rest
         if self.converged and last and self._leaps < LEAPS and not self.loop.solver.mass:
             self._leap()
@@ -255,7 +253,11 @@ class Relaxation:
             self.converged, self._moved = False, float("inf")
         if not self.residual < LOST:
             self._go_back()
-        finished = self.converged and not (last and pending)
+        # what is done until an event does not depend on it: a spring that is added later leads to the same bits
+        pending = (
+            last and self.converged and (scene.springs.pending(self.iteration) or not scene.weights.settled(scene.time))
+        )
+        finished = self.converged and not pending
         if finished or self.diverged or self.iteration >= self._end:
             self._finish_stage()
 

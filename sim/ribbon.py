@@ -21,8 +21,8 @@ EDGE = 20.0
 """What the strongest edges at both ends of a station are worth, in samples of plain colour."""
 SWAY, SWELL = 6.0, 6.0
 """Cost of a grain by which centre and half width change from one station to the next, in samples of plain colour."""
-SHIFTS = [(i, j) for i in (-1, 0, 1) for j in (-3, -2, -1, 0, 1, 2, 3)]
-"""Changes of centre and half width from one station to the next, in grains."""
+SHIFT, GROW = 1, 3
+"""Most by which centre and half width change from one station to the next, in grains."""
 
 
 def ribbon(x: np.ndarray, odds: np.ndarray, line: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -76,22 +76,27 @@ def _best(said: np.ndarray, edge: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     left, right = c - w + ASIDE + WIDEST, c + w + ASIDE + WIDEST
     worth = 2 * GRAIN * (total[:, right] - total[:, left]) + EDGE * (edge[:, left] + edge[:, right]) * (w > 0)
     worth *= STATION / 2
-    best, steps = worth[0], []
+    bests = [worth[0]]
     for gain in worth[1:]:
-        around = np.pad(best, ((1, 1), (3, 3)), constant_values=-np.inf)
-        ways = np.stack(
-            [
-                around[1 + i : 1 + i + best.shape[0], 3 + j : 3 + j + best.shape[1]] - SWAY * abs(i) - SWELL * abs(j)
-                for i, j in SHIFTS
-            ]
-        )
-        steps.append(ways.argmax(axis=0))
-        best = ways.max(axis=0) + gain
-    i, j = np.unravel_index(int(best.argmax()), best.shape)
+        bests.append(_over(_over(bests[-1], GROW, SWELL, 1), SHIFT, SWAY, 0) + gain)
+    i, j = np.unravel_index(int(bests[-1].argmax()), bests[-1].shape)
     path = [(i, j)]
-    for step in steps[::-1]:
-        di, dj = SHIFTS[step[i, j]]
-        i, j = i + di, j + dj
+    for best in bests[-2::-1]:
+        rows, cols = np.arange(max(i - SHIFT, 0), i + SHIFT + 1), np.arange(max(j - GROW, 0), j + GROW + 1)
+        ways = best[rows[0] : i + SHIFT + 1, cols[0] : j + GROW + 1]
+        ways = ways - SWAY * abs(rows - i)[: ways.shape[0], None] - SWELL * abs(cols - j)[: ways.shape[1]]
+        di, dj = np.unravel_index(int(ways.argmax()), ways.shape)
+        i, j = rows[di], cols[dj]
         path.append((i, j))
     centre, half = np.array(path[::-1]).T
     return centre - ASIDE, half
+
+
+def _over(best: np.ndarray, most: int, cost: float, axis: int) -> np.ndarray:
+    """Best within `most` grains along an axis, each at a cost."""
+    best = np.moveaxis(best, axis, 0)
+    out = best.copy()
+    for k in range(1, most + 1):
+        np.maximum(out[k:], best[:-k] - k * cost, out=out[k:])
+        np.maximum(out[:-k], best[k:] - k * cost, out=out[:-k])
+    return np.moveaxis(out, 0, axis)

@@ -28,6 +28,8 @@ COARSE = 10.0
 """How much more residual a coarse scale may keep."""
 FINE = 8
 """Points of the smooth curve for each node, by which a snake is measured and drawn."""
+SPACING = 0.5
+"""Between points of the smooth curve whose support by the image is measured, at least [samples]."""
 LOST = 1e3
 """Distance from its first place at which an object is lost [own units]."""
 
@@ -219,8 +221,10 @@ def _finish(
         if closed and shoelace(line[:-1]) < 0:
             normals = -normals
         inside = space.inside if space.settings.potential == "map" else np.zeros((0, 0))
-        found = contour_support(line, normals, potential, inside, space.map.half_width)
-        flags = found.supported
+        # of so many nodes not every point need be looked at
+        each = max(1, int(SPACING * potential.step * len(line) / np.linalg.norm(e, axis=1).sum()))
+        found = contour_support(line[::each], normals[::each], potential, inside, space.map.half_width)
+        flags = np.repeat(found.supported, each)[: len(line)]
         measures |= support_measures([found])
         if measures["supported_share"] < LEAST_SUPPORT:
             warnings.append(

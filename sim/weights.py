@@ -40,7 +40,7 @@ class Weights:
         for k, material in enumerate(materials):
             for name in PLACES:
                 check(name, getattr(material, name), model.grids[k])
-        self.share, self.stale = 1.0, True
+        self.share, self.stale, self._timed = 1.0, True, self._any_timed()
         self.told = [model.views != 1] * len(materials)
         self.untold: list[float | np.ndarray] = [1.0] * len(materials)
         self.cuts: list[list[Cut]] = [[] for _ in materials]
@@ -59,13 +59,15 @@ class Weights:
                 raise ValueError(f"material.{name} is not a weight that can change: known are {', '.join(PLACES)}")
             check(name, value, self.model.grids[k])
         self.materials[k] = dataclasses.replace(self.materials[k], **values)
-        self.stale = True
+        self._timed, self.stale = self._any_timed(), True
 
     @property
     def timed(self) -> bool:
         """Whether any weight is a function of time."""
-        values = (getattr(m, name) for m in self.materials for name in PLACES)
-        return any(map(depends_on_time, values)) or any(b.time > 0 for own in self.breaks for b in own)
+        return self._timed or any(b.time > 0 for own in self.breaks for b in own)
+
+    def _any_timed(self) -> bool:
+        return any(depends_on_time(getattr(m, name)) for m in self.materials for name in PLACES)
 
     def settled(self, time: float) -> bool:
         """Whether every change that is written down with its time lies before `time`; functions nobody can foresee."""
