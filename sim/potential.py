@@ -23,6 +23,8 @@ COARSE = 3.0
 """Most samples for a sigma: beyond, every second sample serves as well."""
 FLOOR = 0.03
 """Share of the strongest edge below which an edge pulls less and less."""
+PLAIN = 0.06
+"""Share of the map's word at the finest scale below which it says nothing."""
 THIN, THICK = 4.0, 6.0
 """Depth of the map's object, in sigmas, below which its two edges disturb each other, and above which they do not."""
 LOUDER, FURTHER = 0.1, 2.0
@@ -297,7 +299,10 @@ class ScaleSpace:
             return self._potential(sigma, [*pull, nothing, nothing], p)
         # in a tip either side's edge also draws the other side's contour: there the map must speak up
         loud = self._floor(p) * (1 + (LOUDER / FLOOR - 1) * thin)
-        unsaid = self._pressure(sigma, sure) * (1 + (FURTHER - 1) * thin) * loud / (p + loud)
+        silent = loud / (p + loud)
+        if finest:  # or the map, which is not so fine, would lead plain edges astray a little
+            silent = np.maximum(silent - PLAIN, 0) / (1 - PLAIN)
+        unsaid = self._pressure(sigma, sure) * (1 + (FURTHER - 1) * thin) * silent
         return self._potential(sigma, [*pull, unsaid, self._pole(sigma, sure)], p)
 
     def _pull(self, s: float, p: np.ndarray, slope: np.ndarray) -> np.ndarray:
