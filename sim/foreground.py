@@ -23,6 +23,8 @@ from .walk import Walk
 AXIS = 130.0
 """Samples along the axis in the working image."""
 ROUNDS = 4
+SETTLED = 0.001
+"""Share of the object by which a round may change it that is the last."""
 CORE, FAR, MARGIN = 0.02, 0.45, 0.75
 """Surely object within, surely background beyond, image looked at within: distance to the axis / its length."""
 PRIOR, SEED = 0.003, 10.0
@@ -275,11 +277,18 @@ def _rounds(
         prior[sure], prior[beyond] = 1.0, 0.0
         hold = np.where(look.known, PRIOR, 1e-6) + np.where(sure | beyond, SEED, 0.0)
         inside = walk.solve(hold, prior, inside if again else prior, again and decide)
-        mine = _at_axis(inside, look.line) | sure
+        last, mine = mine, _at_axis(inside, look.line) | sure
         reach = _reach(mine, look.line, slack)
         if again:
             mine = (mine | (depth > RIM)) & (depth > -RIM)
+            if settled(last, mine):
+                break
     return inside
+
+
+def settled(before: np.ndarray, after: np.ndarray) -> bool:
+    """Whether a further round, with the colours of what was found, could change nothing worth its time."""
+    return int((before ^ after).sum()) <= SETTLED * int(after.sum())
 
 
 def _from_axis(line: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:

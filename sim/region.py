@@ -21,6 +21,8 @@ CORE, FAR = 0.6, 1.0
 """Surely object as deep within the curve, surely not so far outside it, in its greatest depth."""
 LEAN = 6.0
 """Log odds that the curve itself gives to what lies a greatest depth inside it, or against what lies so far outside."""
+RIM, CERTAIN = 2, 4.0
+"""Samples to each side of an outline that may have mixed colours; log likelihood ratio of a colour that is plainly one's."""
 REACH = 0.12
 """Half width that stands for an open curve, over its length: what the first sigma goes by."""
 
@@ -40,6 +42,18 @@ def _crop(points: np.ndarray, size: tuple[int, ...], across: float) -> tuple[np.
     hi = np.minimum(np.ceil(points.max(axis=0) + MARGIN * extent), [size[1] - 1, size[0] - 1])
     width, height = (int(v) for v in np.maximum(np.floor((hi - lo) / step) + 1, 8))
     return lo, step, (height, width)
+
+
+def _plain(ratio: np.ndarray, sure: np.ndarray, far: np.ndarray) -> bool:
+    """Whether colours alone say of every sample whose it is, but for the rim between: then no walk can tell more.
+
+    The object's must hang together, all that is surely object among them, and nothing like them lie elsewhere.
+    """
+    own = ratio > 0
+    deep = walker._depth(own, border=False) + walker._depth(~own, border=False)  # 1 at the border between
+    rim = deep <= RIM
+    unsure = (np.abs(ratio) < CERTAIN) & ~rim
+    return not (unsure | (sure & ~own) | (far & own)).any() and ndimage.label(own)[1] == 1  # pyright: ignore
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")
@@ -66,16 +80,27 @@ def region_map(
     for p in (marks - lo) / step:
         far |= np.hypot(cols - p[0], rows - p[1]) <= walker.MARK * ACROSS
     core &= ~far
-    walk, inside = Walk.on(x, ndimage.binary_dilation(~far, iterations=2), known), mine.astype(float)
+    walk, inside = None, mine.astype(float)
     lean = LEAN * (within**2 - beyond**2) / deepest**2
     for k in range(ROUNDS):
         ratio = walker.likelihood(cells, mine, known, x.shape[2])
+        sure, alone = core & (ratio > -1.0), False
+        if k == 0 and not len(marks) and known.all():
+            anew = walker.likelihood(cells, ratio > 0, known, x.shape[2])
+            alone = _plain(anew, sure, far)
+            ratio = anew if alone else ratio
         prior = 1 / (1 + np.exp(-np.clip(np.clip(0.5 * ratio, -6, 6) + lean, -50, 50)))
-        sure = core & (ratio > -1.0)
         prior[sure], prior[far] = 1.0, 0.0
+        if alone:
+            inside, mine = prior, prior > 0.5
+            break
+        if walk is None:
+            walk = Walk.on(x, ndimage.binary_dilation(~far, iterations=2), known)
         hold = np.where(known, walker.PRIOR, 1e-6) + np.where(sure | far, walker.SEED, 0.0)
         inside = walk.solve(hold, prior, inside if k > 0 else prior, k > 0 and len(marks) == 0)
-        mine = walker._at_axis(inside, np.argwhere(core)[:, ::-1].astype(float)) | sure
+        before, mine = mine, walker._at_axis(inside, np.argwhere(core)[:, ::-1].astype(float)) | sure
+        if k > 0 and walker.settled(before, mine):
+            break
     half = max(float(walker._depth(mine).max()), 2.0)
     # what leaves the image ends at its border, or a pressure would drive the curve on and on
     beside = int(np.ceil(half))

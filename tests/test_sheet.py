@@ -7,6 +7,7 @@ from scipy.sparse.linalg import spsolve
 
 from symseek.sim.curve import oriented
 from symseek.sim.problem import Settings, Sheet, SheetMaterial, Snake, SnakeMaterial, View
+from symseek.sim.region import _plain
 from symseek.sim.sheet import Sheets
 from symseek.sim.snake import LineResult, deform
 from symseek.sim.spring import Spring
@@ -223,3 +224,16 @@ def test_sheet_border_goes_to_the_outline():
     assert np.median(off) < 0.5 and found.measures["supported_share"] > 0.8
     np.testing.assert_allclose(found.measures["area"], np.pi * 50**2, rtol=0.03)
     np.testing.assert_allclose(found.nodes[0, ..., 2], 0, atol=1e-3)  # nothing moves in depth
+
+
+@pytest.mark.parametrize(
+    ("patch", "value", "plain"), [(None, 0, True), ((30, 60), 1.0, False), ((5, 5), 6.0, False), ((30, 32), -6.0, False)]
+)
+def test_colours_alone_decide_only_where_nothing_is_doubtful(patch, value, plain):
+    """A disc of plain odds, its rim of none; not with a patch that is unsure, of its colours elsewhere, of others within."""
+    y, x = np.mgrid[:80, :80]
+    off = np.hypot(x - 32, y - 30)
+    odds = np.where(np.abs(off - 20) < 0.7, 0.0, np.where(off < 20, 6.0, -6.0))
+    if patch is not None:
+        odds[patch[0] - 3 : patch[0] + 3, patch[1] - 3 : patch[1] + 3] = value
+    assert _plain(odds, off < 10, off > 45) == plain
