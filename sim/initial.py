@@ -151,9 +151,21 @@ def _dealt(
     share = (1 - TURNING) * length / length.sum() + TURNING * turn / max(turn.sum(), 1e-6)
     place = np.interp(np.linspace(0, 1, ns), np.append(0.0, np.cumsum(share / share.sum())), np.linspace(0, ns - 1, fine))
     place[[0, -1]] = 0, ns - 1
-    rings = CubicSpline(np.linspace(0, ns - 1, fine), surface, axis=1)(place)
+    rings = _columns(surface, place * (fine - 1) / (ns - 1))
     rings[:, [0, -1]] = tube[:, [0, -1]]
     return rings, CubicSpline(np.arange(ns), spine)(place)
+
+
+def _columns(surface: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Columns of a finely sampled surface (N_x, n, 3) at places between them, cubic by the four about each (Lagrange)."""
+    first = np.clip(np.floor(at).astype(int) - 1, 0, surface.shape[1] - 4)
+    t = at - first
+    weights = [t * 0 + 1.0 for _ in range(4)]
+    for i in range(4):
+        for j in range(4):
+            if i != j:
+                weights[i] = weights[i] * (t - j) / (i - j)
+    return sum((w[:, None] * surface[:, first + i] for i, w in enumerate(weights)), np.zeros(()))
 
 
 def fading(tube: np.ndarray, spine: np.ndarray) -> np.ndarray:
