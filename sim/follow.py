@@ -10,6 +10,7 @@ from scipy import ndimage
 
 from .bend import bend, cross, outlines
 from .beyond import capped, part, past, places
+from .guide import CLOSELY
 from .hidden import Hidden
 from .loop import HOST
 from .palette import AROUND, Palette
@@ -112,6 +113,7 @@ class Follower:
         self.degree = int(np.clip(round(slender), *DEGREE))
         self.share = float(np.clip(SHARE * (STUBBY / slender) ** 2, SHARE, 1.0))
         scene.hold_shares(HOLD)  # a bend changes them
+        scene.smooth = CLOSELY
         if scene.weights.materials[0].L1 is None:
             scene.weights.change(0, {"L1": scene.shape(0)["L1"], "k1": STRETCH})
         if scene.weights.materials[0].L10 is None:

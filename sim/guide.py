@@ -8,8 +8,9 @@ NARROW = 4.0
 """How much more than the weakest the next direction must be told for eyes to count as all but one; else in proportion."""
 MODES = 12
 """Of the course."""
-SMOOTH = 1.0
-"""Length over which the course is smoothed, in radii of the tube."""
+SMOOTH, CLOSELY = 1.0, 0.7
+"""Length over which the course is smoothed, in radii of the tube: of a still scene, whose ends may begin anywhere; and while
+following, when they begin where they belong and are only to be kept there, and a joint in the body must not turn them."""
 LEAST = 0.1
 """Say of an end in the course, over that of a ring of the body."""
 
@@ -44,16 +45,17 @@ def ends(spine: np.ndarray, radius: np.ndarray) -> np.ndarray:
     return np.clip(np.minimum(place, place[-1] - place) / widest, 0.0, 1.0)
 
 
-def course(spine: np.ndarray, radius: np.ndarray, say: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def course(spine: np.ndarray, radius: np.ndarray, say: np.ndarray, smooth: float = SMOOTH) -> tuple[np.ndarray, np.ndarray]:
     """A smoother of curves along a spine: it leaves even bends as they are, and has ends go on as the body does.
 
-    It minimises the sum of say |v - u|^2 + l^6 |u'''|^2 over u; l is `SMOOTH` radii. Of its modes the stiffest are left
+    It minimises the sum of say |v - u|^2 + l^6 |u'''|^2 over u; l is `smooth` radii. Of its modes the stiffest are left
     out, as it all but does itself.
 
     Args:
         spine: shape (n, 3).
         radius: of the rings, shape (n,).
         say: weight of each ring, shape (n,), above 0.
+        smooth: see `SMOOTH`.
 
     Returns:
         modes (n, MODES) and weights (n,), so that u = modes @ modes.T @ (weights v).
@@ -69,8 +71,8 @@ def course(spine: np.ndarray, radius: np.ndarray, say: np.ndarray) -> tuple[np.n
     weight = say * np.gradient(place)
     root = 1 / np.sqrt(weight)
     value, mode = np.linalg.eigh(root[:, None] * (third.T @ (np.gradient(at)[:, None] * third)) * root)
-    smooth = SMOOTH * np.median(radius) / length
+    far = smooth * np.median(radius) / length
     kept = min(n, MODES)
     modes = np.zeros((n, MODES))
-    modes[:, :kept] = (root[:, None] * mode / np.sqrt(1 + smooth**6 * np.maximum(value, 0.0)))[:, :kept]
+    modes[:, :kept] = (root[:, None] * mode / np.sqrt(1 + far**6 * np.maximum(value, 0.0)))[:, :kept]
     return modes, weight

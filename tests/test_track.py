@@ -69,6 +69,18 @@ def test_a_bending_finger_is_followed(finger, frames, found):
         assert truth.silhouette_iou(o.vertices, o.faces, camera, cover) > 0.96
 
 
+def test_bent_joints_do_not_turn_the_ends_into_depth():
+    """Outlines do not tell where in its round ends the axis leads; what is told of the body must not bend it there."""
+    start_quietly()
+    finger = Finger(51, cut=False, out_of_round=0.0)
+    frame = finger.frame(26)
+    views = [View(image, c, n) for image, c, n in zip(frame.images, finger.cameras, ("left", "right"), strict=True)]
+    o = track([frame.images] * 9, views, [Tube(frame.spine[15:185:34])]).objects[0]
+    off = [line - frame.spine[KDTree(frame.spine[:, :2]).query(line[:, :2])[1]] for line in o.spine]
+    depth = np.abs(np.stack(off)[..., 2]).mean(axis=1) / finger.length
+    assert depth[-1] < 0.0017 and depth[-1] < 0.7 * depth[0]
+
+
 def test_velocity_across_the_surface(finger, frames, found):
     """Normal part of the velocity of the middle frames against the true skin's, near each node."""
     (o,) = found.objects
