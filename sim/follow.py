@@ -37,12 +37,13 @@ SMOOTH = 2.0
 LEAST_SEEN, LEAST_BACK = 0.85, 0.9
 """Of how far tube and object are one by its colours (`Palette.seen`), over the first frame's: lost below, back above."""
 MOST_OFF = 0.2
-"""How far the contour may be off its edges on average, in half widths; half of that to be taken up again."""
-NEAR = 0.6
-"""How near its edges the contour counts as there in any case when it is to be taken up again [px]."""
+"""How far the contour may be off its edges on average, in half widths; half of that to be taken up again, or not doubted."""
+NEAR, NEARER = 0.6, 0.35
+"""How near its edges the contour counts as there in any case: when it is to be taken up again, and when not doubted [px]."""
 MOST_OUT = 0.5
 """Share of the silhouette that may lie beyond the image."""
 DIVERGED = "lost: the solver diverged"
+DOUBTFUL = "doubtful: its contour lies off the edges"
 REACHES = (3.0, 6.0)
 """How far about it is looked for what is not where it was predicted, in half widths, one after the other."""
 AGAIN, STRAY = 2, 0.25
@@ -123,6 +124,11 @@ class Follower:
     def lost(self) -> bool:
         """Whether the last frame did not show it."""
         return self.notes[-1].startswith("lost")
+
+    def _fair(self, near: float) -> float:
+        """How far its contour may be off its edges where that is looked at closely, or so many pixels [half widths]."""
+        fine = near / min(palette.half_width for palette in self.palettes)
+        return min(max(0.5 * MOST_OFF, fine), MOST_OFF)
 
     def grid(self, tube: np.ndarray) -> np.ndarray:
         """Flat nodes (N, 3) as a grid (N_x, N_s, 3)."""
@@ -223,6 +229,11 @@ class Follower:
                     break
                 self._solve(looks, start, tried)
                 found = self._doubt(scene.positions(), looks, was_lost)
+            if not found[0] and found[2] > self._fair(NEARER):
+                if not tried:
+                    found = self._laid_anew(looks, found, was_lost)
+                if found[2] > self._fair(NEARER):
+                    found = DOUBTFUL, *found[1:]
             self._end(*found)
         self.seconds += time.perf_counter() - clock
 
@@ -249,6 +260,19 @@ class Follower:
         if any(ends):
             tube, spine = self.scene.positions()
             self.scene.rewind(self._flat(*capped(self.grid(tube), spine, ends, self.ends)))
+
+    def _laid_anew(self, looks: list[Look], found: tuple[str, float, float], was_lost: bool) -> tuple[str, float, float]:
+        """Lies badly: where what looks like the object tells of a better way to lie, lies so instead."""
+        old, anew = self.scene.positions(), self._look_everywhere(looks)
+        if anew is None:
+            return found
+        self._solve(*anew, True)
+        better = self._doubt(self.scene.positions(), anew[0], was_lost)
+        if not better[0] and better[2] < self._fair(NEARER):
+            return better
+        self.show(looks)
+        self.scene.rewind(old)
+        return found
 
     def _look_about(
         self, looks: list[Look], start: tuple[np.ndarray, np.ndarray], reach: float
@@ -344,8 +368,7 @@ class Follower:
             return "lost: it has folded", least, most
         if least < (LEAST_BACK if was_lost else LEAST_SEEN):
             return "lost: its colours are not where it must be: hidden, or moved too far", least, most
-        fine = NEAR / min(palette.half_width for palette in self.palettes)
-        if most > (min(max(0.5 * MOST_OFF, fine), MOST_OFF) if was_lost else MOST_OFF):
+        if most > (self._fair(NEAR) if was_lost else MOST_OFF):
             return "lost: no edges where its contour must be", least, most
         if not was_lost and way > REACHES[-1] * broad:
             return "lost: it moved too far between two frames", least, most

@@ -11,15 +11,16 @@ from scipy.spatial.transform import Rotation
 from symseek.sim.bend import bend, cross
 from symseek.sim.beyond import capped, past, places
 from symseek.sim.camera import Camera
-from symseek.sim.follow import folded
+from symseek.sim.follow import DOUBTFUL, Follower, Tracking, folded
 from symseek.sim.foreground import Foreground
 from symseek.sim.palette import Palette
 from symseek.sim.potential import Potential, fewer
-from symseek.sim.problem import View
+from symseek.sim.problem import Tube, View
 from symseek.sim.retake import profile, retaken
 from symseek.sim.sampling import resample
 from symseek.sim.search import shifted
 from symseek.sim.surface import silhouette
+from symseek.sim.track import track
 from tests.rig import circles
 
 SHAPE = (150, 200)
@@ -148,6 +149,24 @@ def test_what_has_bent_meanwhile_is_taken_up_again():
     assert retaken(tube, spine, palettes, empty, profiles) is None
     small = [View(bright(straight(long=30)[0], camera), camera) for camera in EYES]
     assert retaken(tube, spine, palettes, small, profiles) is None
+
+
+@pytest.mark.parametrize("better", [False, True])
+def test_what_lies_badly_is_laid_anew_or_doubted(monkeypatch, better):
+    """A rod that may not move, while what it shows goes aside by a quarter of its half width."""
+    eye = Camera.orthographic()
+    pictures = [[bright(straight((100.0 + x, 75.0, 0.0))[0], eye)] for x in (0.0, 0.25 * HALF)]
+
+    def elsewhere(self, looks):
+        tube, spine = self.states[0]
+        way = np.array([0.25 * HALF, 0, 0]) / float(self.scene.unit)
+        return (looks, ((tube + way).astype(np.float32), (spine + way).astype(np.float32))) if better else None
+
+    monkeypatch.setattr(Follower, "_look_everywhere", elsewhere)
+    rough = Tube(np.array([[100.0, 38.0], [100.0, 75.0], [100.0, 112.0]]))
+    o = track(pictures, [View(pictures[0][0], eye)], [rough], tracking=Tracking(0, first="none")).objects[0]
+    assert o.notes == ["", "" if better else DOUBTFUL] and o.trusted == better
+    np.testing.assert_allclose((o.spine[1] - o.spine[0])[:, 0], 0.25 * HALF * better, atol=1e-3)
 
 
 def test_a_spine_that_turns_back_has_folded():

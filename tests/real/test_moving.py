@@ -19,8 +19,8 @@ from symseek.sim.track import track
 DATA = Path(os.environ.get("SYMSEEK_DATA", ""))
 HAND = DATA / "hand_stereo_video" / "clip_128_167"
 WORM = DATA / "worm_video" / "datasets" / "sample_data"
-UNCOILED = 170
-"""First frame of the worm in which it lies open again."""
+COILED = [*range(58, 84), *range(118, 149)]
+"""Frames in which the worm lies on itself and its model, looked at, is wrong."""
 HERE = Path(__file__).parent
 
 TIPS = {
@@ -67,7 +67,7 @@ def test_a_hand_before_two_cameras(record_property):
 
 @pytest.mark.skipif(not (os.environ.get("SYMSEEK_DATA") and WORM.is_dir()), reason="SYMSEEK_DATA lacks the worm's video")
 def test_a_worm_in_crops_without_an_origin(record_property):
-    """Its first 210 frames, in which it coils: it may be lost there, not where its centreline was measured."""
+    """Its first 210 frames, in which it coils: it may be lost there, but told, and not where its centreline was measured."""
     h5py = pytest.importorskip("h5py")
     start_quietly()
     with h5py.File(WORM / "features.h5") as file:
@@ -77,14 +77,13 @@ def test_a_worm_in_crops_without_an_origin(record_property):
     o = track(frames, scene.views, scene.tubes, scene.settings, scene.tracking).objects[0]
     known = ~np.isnan(true[:, 0, 0])
     assert known.sum() == 53 and not any(o.notes[i] for i in np.flatnonzero(known))
+    assert all(o.notes[i] for i in COILED)
     off, same_way = [], []
     for i in np.flatnonzero(known):
         spine, line = (axis_curve(v) for v in (o.spine[i, :, :2], true[i]))
-        off.append(KDTree(line).query(spine)[0].mean())
+        off.append(max(KDTree(a).query(b)[0].mean() for a, b in ((line, spine), (spine, line))))  # all of it, not a part
         same_way.append(np.linalg.norm(spine - line, axis=1).mean() < np.linalg.norm(spine - line[::-1], axis=1).mean())
-        # not a part of it alone
         assert length_of(spine) > 0.95 * length_of(line)
     record_property("centreline_px", max(off))
-    assert max(off) < 3 and np.mean(off) < 1.5
-    # head and tail never change places; just after the coil the model may still lie crosswise in it
-    assert len({way for way, i in zip(same_way, np.flatnonzero(known), strict=True) if i >= UNCOILED}) == 1
+    assert max(off) < 3 and np.mean(off) < 1.0
+    assert len(set(same_way)) == 1  # head and tail never change places
