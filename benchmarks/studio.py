@@ -31,15 +31,15 @@ COUNT = """
 window.uploads = []; window.frames = []; window.moved = 0; window.answer = 0; window.last = 0;
 let fresh = false;
 const now = () => performance.timeOrigin + performance.now();
-for (const name of ["bufferData", "bufferSubData"]) {
+for (const [name, at] of [["bufferData", 1], ["bufferSubData", 2]]) {
   const before = WebGL2RenderingContext.prototype[name];
-  WebGL2RenderingContext.prototype[name] = function (target, data, ...rest) {
-    if (data && data.byteLength > 2000) {
+  WebGL2RenderingContext.prototype[name] = function (...given) {
+    if (given[at] && given[at].byteLength > 2000) {
       window.last = performance.now();
       if (!fresh) { fresh = true; window.uploads.push(now()); }
       if (window.moved && !window.answer) window.answer = performance.now() - window.moved;
     }
-    return before.call(this, target, data, ...rest);
+    return before.apply(this, given);
   };
 }
 const tick = () => { fresh = false; window.frames.push(now()); requestAnimationFrame(tick); };

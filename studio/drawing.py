@@ -21,6 +21,7 @@ from symseek.sim.surface import refine
 from .handle import rate
 from .lines import COARSE, FINE, lines_of
 from .part import Snapshot
+from .ribbons import Ribbons
 from .state import Point
 
 SIDE_MOST = 2048
@@ -29,6 +30,8 @@ MANY = 8
 """Models from which on fewer lines and triangles are drawn."""
 LAYER = 1e-3
 """Between what lies on the photograph, one above the other [its shorter side]."""
+WINDOW = 600
+"""Height of a window of which nothing is known [px]."""
 LINES = {"wire": 1.0, "contour": 3.0, "spine": 2.0, "axis": 2.0, "springs": 3.0}
 """What is drawn on it, from below, and how thick [screen px]."""
 BESIDE = (0.25, 0.9)
@@ -37,6 +40,8 @@ DRAWN = itertools.count()
 """Scenes: a page keeps the pose of what it showed by the same name before."""
 LIGHTS, AMBIENT = (("key", (-0.6, -1.0, -0.7), 2.6), ("fill", (1.0, 0.3, -0.4), 0.5)), 0.6
 """Lights in space: from where, how bright."""
+PLAIN = float(np.pi)
+"""How bright light from everywhere is that shows colours as they are."""
 SPRING, AXIS, SPINE, FIRST, HANDLE = (255, 148, 40), (255, 255, 255), (255, 222, 60), (255, 255, 255), (255, 0, 200)
 
 
@@ -102,13 +107,14 @@ class Drawing:
         self.scene, self.views, self.frames = scene, views, frames
         self._models: dict[int, viser.MeshHandle] = {}
         self._faces: dict[int, tuple] = {}
-        self._sent: dict[tuple[str, str], np.ndarray] = {}
         scene.reset()
         scene.configure_default_lights(False)  # dear without a graphics card, as surroundings to be mirrored are
         scene.configure_environment_map(None)
-        for name, place, intensity in LIGHTS:
+        self._lamps = [
             scene.add_light_directional(f"/lights/{name}", intensity=intensity, position=place)
-        scene.add_light_ambient("/lights/all", intensity=AMBIENT)
+            for name, place, intensity in LIGHTS
+        ]
+        self._ambient = scene.add_light_ambient("/lights/all", intensity=AMBIENT)
         self.pictures, self._middles, drawn = [], [], next(DRAWN)
         for v, view in enumerate(views):
             pixels, size = _pixels(view.image)
@@ -118,13 +124,7 @@ class Drawing:
                 )
             )
             self._middles.append(np.array([*(size - 1) / 2, 0.0]))
-        self._lines = {
-            name: scene.add_line_segments(
-                f"/drawn/{name}", np.zeros((1, 2, 3)), np.zeros((1, 2, 3), np.uint8), thickness=thickness,
-                thickness_units="screen", visible=False,
-            )
-            for name, thickness in LINES.items()
-        }  # fmt: skip
+        self._lines = {name: Ribbons(scene, name, thickness) for name, thickness in LINES.items()}
         self._points = scene.add_point_cloud(
             "/drawn/points", np.zeros((1, 3)), np.zeros((1, 3), np.uint8), point_size=1.0, point_shape="circle",
             precision="float32", point_shading="flat", visible=False,
@@ -143,9 +143,24 @@ class Drawing:
             picture.position = middle if own else self.frame.shown(frame.world(middle))
             picture.wxyz = SO3.from_matrix(np.eye(3) if own else turn).wxyz
             picture.scale = 1.0 if own else self.frame.scale / frame.scale
-        for layer, node in enumerate((*self._lines.values(), self._points), 1):
-            node.position = (0, 0, -LAYER * self.unit * layer)
+        self.pixel = self.unit / WINDOW
+        self._points.position = (0, 0, -LAYER * self.unit * (len(LINES) + 1))
         self._points.point_size = 0.011 * self.unit
+        for lamp in self._lamps:
+            lamp.visible = in_space
+        self._ambient.intensity = AMBIENT if in_space else PLAIN
+
+    def seen_from(self, eye: np.ndarray, fov: float, height: int) -> bool:
+        """Keeps lines as thick as they are for an eye at a place, with a field of view [rad] and a window's height [px].
+
+        Returns:
+            Whether they are to be drawn anew.
+        """
+        away = float(np.linalg.norm(eye - [*(self.size - 1) / 2, 0.0]))
+        pixel = 2 * away * np.tan(fov / 2) / max(height, 1)
+        changed = abs(pixel / self.pixel - 1) > 0.05
+        self.pixel = pixel if changed else self.pixel
+        return changed
 
     def picture(self, v: int, image: np.ndarray) -> None:
         """Shows another frame of view v."""
@@ -153,24 +168,8 @@ class Drawing:
 
     def _set(self, name: str, segments: np.ndarray, colours: Sequence[float] | np.ndarray) -> None:
         """Segments (n, 2, 2) in the photograph, each of its colour, or all of one."""
-        node, good = self._lines[name], np.isfinite(segments).all(axis=(1, 2))
-        count = int(good.sum())
-        if count == 0:
-            node.visible = False
-            return
-        points = np.zeros((count, 2, 3), np.float32)
-        points[..., :2] = segments[good]
-        each = np.broadcast_to(_linear(np.asarray(colours)), (len(segments), 3))[good]
-        self._send(name, "points", points)
-        self._send(name, "colors", each[:, None].repeat(2, axis=1))  # one for all, where there were more before, is black
-        node.visible = True
-
-    def _send(self, name: str, what: str, value: np.ndarray) -> None:
-        """What has not changed is not sent again."""
-        before = self._sent.get((name, what))
-        if before is None or not np.array_equal(before, value):
-            setattr(self._lines[name], what, value)
-            self._sent[name, what] = value
+        layer = 1 + list(LINES).index(name)
+        self._lines[name].show(segments, np.asarray(colours), -LAYER * self.unit * layer, self.pixel)
 
     def models(self, snapshots: Mapping[int, Snapshot], colours: Mapping[int, str], in_space: bool) -> None:
         """Draws models on the photograph, the further ones first, or in space."""
@@ -227,12 +226,6 @@ class Drawing:
                 points, colours = np.concatenate([points, handle[1:]]), [*colours, HANDLE]
             self._points.points = np.column_stack([points, np.zeros(len(points))]).astype(np.float32)
             self._points.colors = np.array(colours, np.uint8)
-
-
-def _linear(colours: np.ndarray) -> np.ndarray:
-    """Colours (..., 3), 0 to 255, as the page wants those of lines: it takes them for amounts of light (sRGB's curve)."""
-    c = colours / 255
-    return np.rint(255 * np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)).astype(np.uint8)
 
 
 def _pixels(image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -21,7 +21,7 @@ from symseek.sim.assembly import maps_of
 from symseek.sim.foreground import Foreground
 from symseek.sim.order import in_order
 from symseek.sim.problem import Settings, View
-from symseek.sim.reconstruct import REFRESH, Look
+from symseek.sim.reconstruct import REFRESH, SCALES, Look
 from symseek.sim.track import Tracking
 
 from .film import Film
@@ -177,7 +177,7 @@ class Engine:
         for module in (elastic, coupling, contour, pole, integrate, spring, depth):
             wp.load_module(module, device=self.device)
         with (
-            ThreadPoolExecutor(os.cpu_count()) as self._ahead,
+            ThreadPoolExecutor(os.cpu_count(), initializer=yields) as self._ahead,
             ThreadPoolExecutor(self._workers, initializer=yields) as self._pool,
             DepthPasses() as self._depth,
         ):
@@ -336,11 +336,11 @@ class Engine:
 
     def _begin(self, uid: int, wish: Wish) -> Part:
         """A run from its start, in the place of the one there was."""
-        old = self._parts.get(uid)
-        if old is not None:
+        if (old := self._parts.get(uid)) is not None:
             self._go[uid] = old.go
         wish = replace(wish, tube=replace(wish.tube, depth=self._depths[uid], find_depth=False))
-        part = Part(wish, self._views, self._maps[uid], self._settings, self.device, self._ahead)
+        ahead = self._ahead, max(1, SCALES // len(self._maps))
+        part = Part(wish, self._views, self._maps[uid], self._settings, self.device, *ahead)
         part.go, self._parts[uid] = self._go.get(uid, False), part
         if old is not None:  # only now: whoever asks meanwhile whether any is going on is to hear the truth
             old.run.stop()

@@ -9,7 +9,7 @@ import numpy as np
 
 from symseek.sim.fields import Cut, pieces
 from symseek.sim.problem import View
-from symseek.sim.surface import is_closed, smooth_pieces
+from symseek.sim.surface import smooth_pieces
 
 from .part import Snapshot
 
@@ -41,13 +41,22 @@ def lines_of(snapshots: Sequence[Snapshot], view: View, detail: Detail) -> tuple
     """Wire frame on the side that the camera sees, occluding contour i.n = 0 (12), and spine of each model."""
     alike: dict[tuple, list[int]] = {}
     for k, s in enumerate(snapshots):
-        alike.setdefault((s.tube.shape, is_closed(s.tube), tuple(s.cuts)), []).append(k)
-    found: list[tuple[list[Lot], ...]] = [
-        _drawn([snapshots[k] for k in own], np.array(own), closed, list(cuts), view, detail)
-        for (_, closed, cuts), own in alike.items()
-    ]
+        alike.setdefault((s.tube.shape, tuple(s.cuts)), []).append(k)
+    found: list[tuple[list[Lot], ...]] = []
+    for (_, cuts), those in alike.items():
+        shut = _closed(np.stack([snapshots[k].tube for k in those]))
+        for closed in (True, False):
+            own = np.array(those)[shut == closed]
+            if len(own):
+                found.append(_drawn([snapshots[k] for k in own], own, closed, cuts, view, detail))
     wire, contour, spine = (_joined([lot for lots in kind for lot in lots]) for kind in zip(*found, strict=True))
     return wire, contour, spine
+
+
+def _closed(tubes: np.ndarray) -> np.ndarray:
+    """Whether the end rings of each of them, shape (k, N_x, N_s, 3), are single points; see `surface.is_closed`."""
+    sizes = np.linalg.norm(np.ptp(tubes[:, 0], axis=1), axis=1)  # of a meridian: much the same
+    return np.ptp(tubes[:, :, [0, -1]], axis=1).max(axis=(1, 2)) < 1e-5 * sizes
 
 
 def _drawn(

@@ -171,6 +171,9 @@ class Page:
             untouched = np.abs(camera.position - place).max() < 1e-3 * np.abs(place).max()
             if untouched and not self.in_space and abs(camera.aspect / set_for - 1) > 0.01:  # a panel takes its room, say
                 self.attempt(lambda: self._through_camera(client))
+            drawing = self.drawing
+            if drawing is not None and drawing.seen_from(camera.position, camera.fov, camera.image_height):
+                self._changed = True
 
     def _through_camera(self, client: viser.ClientHandle) -> None:
         """Puts a window's eye where the whole photograph fills it."""

@@ -129,13 +129,15 @@ class Part:
         settings: of the solver.
         device: Warp device.
         ahead: makes potentials beside the run.
+        scales: of how many at once, while a person looks at what was drawn: a run need not wait then. They take memory.
     """
 
     def __init__(
-        self, wish: Wish, views: list[View], maps: list[Foreground], settings: Settings, device: str, ahead: Executor
-    ):
+        self, wish: Wish, views: list[View], maps: list[Foreground], settings: Settings, device: str, ahead: Executor,
+        scales: int = 1,
+    ):  # fmt: skip
         self.wish, self.views, self.map = wish, views, maps
-        self.run = Relaxation(Assembly(views, [wish.tube], settings, device, [maps]), ahead)
+        self.run = Relaxation(Assembly(views, [wish.tube], settings, device, [maps]), ahead, scales)
         self.go = False
         """it goes on, unless it is done."""
         self.path = True

@@ -15,6 +15,7 @@ from symseek.studio.drawing import Drawing, Frame, away_from, material_point
 from symseek.studio.handle import away, handle, rate
 from symseek.studio.lines import COARSE, FINE, lines_of
 from symseek.studio.part import Snapshot
+from symseek.studio.ribbons import OVERLAP, Ribbons, strips_of
 
 T = np.linspace(0, 1, 25)
 SPINE = np.stack([30 + 60 * T, 40 + 12 * np.sin(3 * T), 5 * T], axis=1)
@@ -127,5 +128,31 @@ def test_photographs_stand_where_their_cameras_look():
         drawing.look(1, False)
         assert picture.visible and not drawing.pictures[0].visible and drawing.view is views[1]
         np.testing.assert_allclose(picture.wxyz, [1, 0, 0, 0])
+    finally:
+        server.stop()
+
+
+def test_lines_are_strips_of_their_colours():
+    """As thick as is asked for whatever the eye's distance; a mesh that keeps its room is sent anew without its faces."""
+    segments = np.array([[[10.0, 10], [40, 10]], [[40, 10], [40, 50]], [[np.nan, 0], [1, 1]], [[0, 0], [6, 8]]])
+    colours = np.array([[255, 0, 0], [255, 0, 0], [255, 0, 0], [0, 10, 255]])
+    sides = np.linalg.norm(np.diff(strips_of(segments[[0, 1, 3]], 2.0), axis=1), axis=2)
+    np.testing.assert_allclose(sides[:, [0, 2]], 2.0)
+    np.testing.assert_allclose(sides[:, 1], np.array([30, 40, 10]) + 2 * 2.0 * OVERLAP)
+    server = viser.ViserServer(port=0, verbose=False)
+    try:
+        ribbons = Ribbons(server.scene, "test", 3.0)
+        ribbons.show(segments, colours, -1.0, 0.5)
+        red, blue = (ribbons._meshes[colour] for colour in (0xFF0000, 0x000AFF))
+        assert red.color == (255, 0, 0) and blue.color == (0, 10, 255) and red.visible and blue.visible
+        corners = red.vertices[red.faces].reshape(-1, 2, 3, 3)
+        way = np.cross(corners[:, :, 1] - corners[:, :, 0], corners[:, :, 2] - corners[:, :, 0])
+        areas = 0.5 * np.linalg.norm(way, axis=2).sum(axis=1)
+        np.testing.assert_allclose(areas[:2], (np.array([30, 40]) + 3 * OVERLAP) * 1.5, rtol=1e-5)
+        assert (areas[2:] == 0).all() and (red.vertices[:, 2] == -1).all()
+        ribbons.show(segments[:1] + 5, colours[:1], -1.0, 0.5)
+        assert ribbons._meshes[0xFF0000] is red and not blue.visible and red.vertices[:, 0].min() > 14
+        ribbons.show(np.repeat(segments[:1], 100, axis=0), colours[:1].repeat(100, axis=0), -1.0, 0.5)
+        assert len(ribbons._meshes[0xFF0000].vertices) == 4 * 128
     finally:
         server.stop()
