@@ -33,8 +33,11 @@ TOOLS = {
     "Gap": "click where the object is broken in two.",
     "Not here": "click on what is not the object.",
 }
+VIEWS = ("Through the camera", "In space")
 NONE = "(none)"
 SEVERAL = " In another view click it again, beginning at the same end (the white point)."
+MARK = "● "
+"""Before what is in force among some buttons."""
 PLOTTED = 0.25
 """Seconds between two updates of plots and numbers."""
 
@@ -51,6 +54,10 @@ class Slider:
     """the slider counts in powers of ten about the default."""
     with_: tuple[str, float] | None = None
     """a weight that this one needs beside it."""
+
+    @property
+    def hint(self) -> str:
+        return "powers of ten, 0: the default" if self.logarithmic else "0: none" if self.with_ else ""
 
     def values(self, at: float) -> dict[str, float | None]:
         """Weights for a place of the slider; None is the default."""
@@ -98,53 +105,57 @@ class Controls:
         gui.main_panel.dock_right()
         self.hint = gui.add_markdown("")
         with gui.add_folder("File", expand_by_default=True):
-            self.files = gui.add_dropdown("File", self._listing())
+            self.files = self._on(gui.add_dropdown("File", self._listing()), lambda _: setattr(self.second, "value", NONE))
             self.second = gui.add_dropdown("Right eye", [NONE, *self._listing(IMAGES)], hint="of a stereo pair")
             self._button("Open", self._open)
-        self._buttons("Tool", tuple(TOOLS), self._take_tool)
-        self._buttons("Run", ("Run", "Pause", "Step", "Reset"), page.run)
-        self._buttons("Steps", ("Undo", "Redo"), page.undo)
+        with gui.add_folder("Model") as model:
+            self.tools = self._buttons("Tool", tuple(TOOLS), self._take_tool)
+            self._buttons("Run", ("Run", "Pause", "Step", "Reset"), page.run)
+            self._buttons("Steps", ("Undo", "Redo"), page.undo)
+            self.state = gui.add_markdown("")
+            self.view = gui.add_button_group("View", VIEWS)
+            self.eye = gui.add_dropdown("Through", ["-"], visible=False)
         self.frames = gui.add_folder("Frames", visible=False)
         with self.frames:
             self.frame = self._on(gui.add_slider("Frame", 0, 1, 1, 0), page.see)
             self._buttons("Film", ("Track", "Stop", "Back", "Next"), page.film)
-        self.state = gui.add_markdown("")
-        view = gui.add_button_group("View", ("Through the camera", "In space"))
 
-        @view.on_click
+        @self.view.on_click
         async def _(event: GuiEvent) -> None:
             if event.client is not None:
-                page.look(event.client, event.target.value == "In space")
-
-        self.eye = gui.add_dropdown("Through", ["-"], visible=False)
+                page.look(event.client, event.target.value.removeprefix(MARK) == VIEWS[1])
 
         @self.eye.on_update
         async def _(event: GuiEvent) -> None:
             if event.client is not None and event.target.value in self.eye.options:
                 page.look(event.client, page.in_space, self.eye.options.index(event.target.value))
 
-        self._objects()
-        self._shape()
-        with gui.add_folder("Plots", expand_by_default=False):
+        later = [model, self._objects(), self._shape()]
+        with gui.add_folder("Plots", expand_by_default=False) as plots:
             self.residual = self._plot("residual force, powers of ten [lengths of the spine]", "#d62728")
             self.error = self._plot("contour to edge, mean [px]", "#1f77b4")
-        with gui.add_folder("Keep"):
+        with gui.add_folder("Keep") as keep:
             self.name = gui.add_text("Name", "")
             self._button("Save", lambda: page.save(self.name.value))
             self._button("Results", lambda: page.results(self.name.value))
             self._button("Web page", lambda: page.html(self.name.value))
             self._button("Start over", page.start_over)
+        self.later = [*later, plots, keep]
+        for folder in self.later:
+            folder.visible = False
 
     def _button(self, label: str, what: Callable[[], Any]) -> None:
         self.gui.add_button(label).on_click(lambda _: what())
 
-    def _buttons(self, label: str, options: Sequence[str], what: Callable[[str], Any]) -> None:
+    def _buttons(self, label: str, options: Sequence[str], what: Callable[[str], Any]) -> Any:
         group = self.gui.add_button_group(label, options)
 
         @group.on_click
         async def _(event: GuiEvent) -> None:
             if event.client is not None:
-                what(event.target.value)
+                what(event.target.value.removeprefix(MARK))
+
+        return group
 
     def _take_tool(self, tool: str) -> None:
         self.page.tool = tool
@@ -158,13 +169,15 @@ class Controls:
         pair = "" if self.second.value == NONE else PAIR + self.second.value
         self.page.open(self.files.value + pair)
 
-    def list_files(self) -> None:
-        """Looks what there is in the folder now."""
+    def list_files(self, opened: bool = False) -> None:
+        """Looks what there is in the folder now; after something was `opened`, chooses that."""
         first, second = tuple(self._listing()), (NONE, *self._listing(IMAGES))
-        if first != self.files.options:
-            self.files.options = first
-        if second != self.second.options:
-            self.second.options = second
+        left, _, right = self.page.path.partition(PAIR)
+        for field, options, own in ((self.files, first, left), (self.second, second, right or NONE)):
+            if options != field.options:
+                field.options = options
+            if opened and self.page.session is not None and own in options:
+                field.value = own
 
     def _on(self, handle: Any, what: Callable[[Any], Any]) -> Any:
         """Calls back with the value that a person gave, not with those that the studio set."""
@@ -181,9 +194,9 @@ class Controls:
         if uid is not None:
             self.page.act(lambda session: what(session, uid))
 
-    def _objects(self) -> None:
+    def _objects(self) -> Any:
         gui, page = self.gui, self.page
-        with gui.add_folder("Object"):
+        with gui.add_folder("Object") as folder:
             self.objects = self._on(gui.add_dropdown("Chosen", ["-"]), self._choose)
             self._buttons("Objects", ("New", "Delete", "Nearer", "Further"), self._object)
             self.place = self._on(gui.add_slider("In depth, 1: nearest", 1, 2, 1, 1, visible=False), self._to_place)
@@ -198,14 +211,15 @@ class Controls:
             )
         self._uids: list[int] = []
         page.tool = "Draw"
+        return folder
 
-    def _shape(self) -> None:
+    def _shape(self) -> Any:
         gui = self.gui
-        with gui.add_folder("Shape by hand", expand_by_default=False):
+        with gui.add_folder("Shape by hand", expand_by_default=False) as folder:
             self.sliders = []
             for slider in SLIDERS:
                 first = slider.at({})
-                handle = gui.add_slider(slider.label, slider.low, slider.high, 0.01, first)
+                handle = gui.add_slider(slider.label, slider.low, slider.high, 0.01, first, hint=slider.hint or None)
                 self._on(handle, lambda v, s=slider: self._chosen(lambda x, uid: x.set_weight(uid, s.values(v))))
                 self.sliders.append((slider, handle))
             self.shut = self._on(
@@ -215,6 +229,7 @@ class Controls:
             self._button("Clear creases, marks, springs", lambda: self._chosen(lambda s, uid: s.clear(uid)))
             self.speed = gui.add_slider("Iterations a second, at most", 50, 5000, 50, 1000)
             self._on(self.speed, lambda v: setattr(self.page.engine, "speed", float(v)))
+        return folder
 
     def _plot(self, title: str, colour: str) -> Any:
         return self.gui.add_uplot(
@@ -248,6 +263,10 @@ class Controls:
         if session is None:
             self.hint.content = "**Open** a photograph or a scene file."
             return
+        for folder in self.later:
+            folder.visible = True
+        self.tools.options = _marked(TOOLS, page.tool)
+        self.view.options = _marked(VIEWS, VIEWS[page.in_space])
         more = SEVERAL if page.tool == "Draw" and len(session.views) > 1 else ""
         self.hint.content = f"**{page.tool}**: {TOOLS[page.tool]}{more}"
         self.frames.visible = session.moving
@@ -288,17 +307,17 @@ class Controls:
             return
         self._plotted = now
         session = self.page.session
-        steps = "" if session is None else ", ".join(
-            f"{verb} {what}" for verb, what in (("undo", session.can_undo), ("redo", session.can_redo)) if what
+        steps = "" if session is None else ". ".join(
+            f"*{verb}*: {what}" for verb, what in (("Undo", session.can_undo), ("Redo", session.can_redo)) if what
         )  # fmt: skip
         film, frame = self.page.engine.film, self.page.engine.frame
         if film is not None and self.frame.value != frame:
             self.frame.value = frame
-        self.state.content = _described(s, film, frame) + (f"  \n{steps}" if steps else "")
+        self.state.content = _described(s, film, frame, self.page.engine.going()) + (f"  \n{steps}" if steps else "")
         if len(line) > 1:
             i, residual, error = (np.array(c, float) for c in zip(*line, strict=True))
-            self.residual.data = (i, np.log10(np.where(np.isfinite(residual), np.maximum(residual, 1e-12), 1.0)))
-            self.error.data = (i, np.nan_to_num(error))
+            self.residual.data = (i, np.log10(np.maximum(residual, 1e-12)))
+            self.error.data = (i, error)
 
 
 def _label(item: Item, items: Sequence[Item]) -> str:
@@ -309,7 +328,11 @@ def _label(item: Item, items: Sequence[Item]) -> str:
     return f"{item.name} [{place}]" if len(set(depths)) > 1 else item.name
 
 
-def _described(s: Snapshot | None, film: Film | None, frame: int) -> str:
+def _marked(options: Iterable[str], chosen: str) -> tuple[str, ...]:
+    return tuple(MARK + option if option == chosen else option for option in options)
+
+
+def _described(s: Snapshot | None, film: Film | None, frame: int, going: bool) -> str:
     if film is not None and frame > 0:
         text = f"frame {frame} of 0 to {film.length - 1}"
         if s is None:
@@ -317,14 +340,16 @@ def _described(s: Snapshot | None, film: Film | None, frame: int) -> str:
         where = "being put right" if not s.done else s.note or "followed"
         return f"{text}, {where}, contour {s.off:.2f} px from the image's edges"
     if s is None:
-        return "not drawn yet"
+        return "Not drawn yet"
     if s.diverged:
-        where = "**diverged**: undo, or draw another axis"
-    elif s.converged and s.done:
-        where = "at rest"
+        where = "**Diverged**: undo, or draw another axis; "
+    elif s.done:
+        where = "**At rest**, " if s.converged else "**Stopped**, not at rest, "
+    elif s.iteration == 0 and not going:
+        where = "**Ready to run**, "
     else:
-        where = f"scale {s.stage + 1} of {s.stages}"
-    text = f"iteration {s.iteration}, {where}, sigma {s.sigma:.1f} px"
+        where = f"**{'Running' if going else 'Paused'}**, scale {s.stage + 1} of {s.stages}, "
+    text = f"{where}iteration {s.iteration}, sigma {s.sigma:.1f} px"
     if s.support is not None:
         text += f", contour {s.support[0]:.2f} px from the image's edges, {s.support[1]:.0%} supported"
     return text

@@ -32,10 +32,12 @@ LAYER = 1e-3
 """Between what lies on the photograph, one above the other [its shorter side]."""
 WINDOW = 600
 """Height of a window of which nothing is known [px]."""
-LINES = {"wire": 1.0, "contour": 3.0, "spine": 2.0, "axis": 2.0, "springs": 3.0}
+LINES = {"wire": 1.0, "contour": 3.0, "spine": 2.0, "axis": 2.0, "springs": 3.0, "marks": 2.0}
 """What is drawn on it, from below, and how thick [screen px]."""
 BESIDE = (0.25, 0.9)
 """Cosine between two views' lines of sight, from and to, where the one's photograph stands beside the other."""
+CROSS, POINT = 5.0, 5.0
+"""Half a cross for a mark, and the radius of a point of an axis [screen px]."""
 DRAWN = itertools.count()
 """Scenes: a page keeps the pose of what it showed by the same name before."""
 LIGHTS, AMBIENT = (("key", (-0.6, -1.0, -0.7), 2.6), ("fill", (1.0, 0.3, -0.4), 0.5)), 0.6
@@ -145,7 +147,6 @@ class Drawing:
             picture.scale = 1.0 if own else self.frame.scale / frame.scale
         self.pixel = self.unit / WINDOW
         self._points.position = (0, 0, -LAYER * self.unit * (len(LINES) + 1))
-        self._points.point_size = 0.011 * self.unit
         for lamp in self._lamps:
             lamp.visible = in_space
         self._ambient.intensity = AMBIENT if in_space else PLAIN
@@ -210,6 +211,13 @@ class Drawing:
         """Models in space, by uid."""
         return dict(self._models)
 
+    def marks(self, marks: Sequence[tuple[np.ndarray, tuple[int, int, int]]]) -> None:
+        """Draws a cross at each of some image points (n, 2), each lot of its colour."""
+        arms = CROSS * self.pixel * np.array([[[-1.0, -1], [1, 1]], [[-1, 1], [1, -1]]])
+        crosses = [(points[:, None, None] + arms).reshape(-1, 2, 2) for points, _ in marks]
+        colours = [colour for cross, (_, colour) in zip(crosses, marks, strict=True) for _ in cross]
+        self._set("marks", np.concatenate([np.zeros((0, 2, 2)), *crosses]), np.reshape(colours, (-1, 3)))
+
     def axes(self, axes: Sequence[tuple[np.ndarray, str, bool]], handle: np.ndarray | None) -> None:
         """Draws the rough axes, (n, 2) each with its colour, the chosen one with its points, and its radius' handle."""
         lines = [(np.stack([a[:-1], a[1:]], axis=1), AXIS if chosen else rgb(c)) for a, c, chosen in axes if len(a) > 1]
@@ -220,6 +228,7 @@ class Drawing:
         dots = [(a, rgb(c)) for a, c, chosen in axes if chosen and len(a)]
         self._points.visible = bool(dots)
         if dots:
+            self._points.point_size = POINT * self.pixel
             points, colour = dots[0]
             colours = [FIRST] + [colour] * (len(points) - 1)
             if handle is not None:

@@ -19,8 +19,10 @@ from symseek.sim.spring import Spring
 from .controls import Controls
 from .drawing import Drawing, Frame
 from .engine import Engine
+from .eyes import ASIDE, FOV, Eyes, away, middle
 from .handle import handle_of
 from .keep import Folder
+from .marks import marks_of
 from .mouse import Mouse
 from .part import Snapshot, Wish
 from .session import Session
@@ -28,12 +30,6 @@ from .state import Item
 
 RATE = 30
 """Most updates of the page a second; and at most half of a core's time goes into making them."""
-FOV = 0.4
-"""Of the viewer's eye through the scene's camera [rad]."""
-MARGIN = 1.06
-"""Of the view around the photograph."""
-ASIDE = 1.15 * np.array([0.55, -0.35, -0.76])
-"""From the photograph's middle to the eye that sees the models in space, beside its distance through the camera."""
 KEPT = 400
 """Points of a running plot."""
 
@@ -59,14 +55,13 @@ class Page:
         self.mouse = Mouse(self)
         self._plot: dict[int, list[tuple[int, float, float]]] = {}
         self._changed = True
-        self._fitted: dict[int, tuple[float, np.ndarray]] = {}
-        """for which aspect each window's eye was put where."""
+        self.eyes = Eyes(self)
         self._pictured: list[int] = []
         """which frame each view's photograph shows."""
         self._closed = threading.Event()
         server.scene.set_up_direction("-y")  # first of all: turned later, it puts an eye set meanwhile in a wrong place
         self.controls = Controls(self)
-        server.on_client_connect(self._welcome)
+        server.on_client_connect(self.eyes.welcome)
         self._thread = threading.Thread(target=self._keep_drawing, name="symseek-page", daemon=True)
         self._thread.start()
 
@@ -91,21 +86,22 @@ class Page:
                     self.folder.shelf(path), session.state.text(),
                 )  # fmt: skip
             if restored:
-                self.tell("Brought back", "what you had made of it before; *Start over* takes the file as it is.")
+                self.tell("Brought back", "what you had made of it before; Start over takes the file as it is.")
             for client in self.server.get_clients().values():
-                self._through_camera(client)
+                self.eyes.through_camera(client)
 
-        self.attempt(do)
-        self.attempt(self.controls.list_files)
+        self.attempt(do, "Not opened")
+        self.attempt(lambda: self.controls.list_files(True))
         self.refresh()
 
-    def attempt(self, what: Callable[[], Any]) -> bool:
-        """Does something; a fault of the input becomes a message on the page. Whether it was done."""
+    def attempt(self, what: Callable[[], Any], title: str = "") -> bool:
+        """Does something; a fault of the input becomes a message on the page, of some title. Whether it was done."""
         try:
             what()
             return True
         except SceneError as problem:
-            self.tell(problem.field or "Not possible", f"{problem.problem}; {problem.remedy}", "red")
+            text = f"{problem.problem}; {problem.remedy}".replace(f"{self.folder.root}/", "")
+            self.tell(title or problem.field or "Not possible", text, "red")
         except Exception as problem:  # a dead server would lose what was made
             self.tell("A fault of the studio", f"{type(problem).__name__}: {problem}", "red")
         return False
@@ -149,6 +145,10 @@ class Page:
         self.attempt(do)
         self.refresh()
 
+    def draw_anew(self) -> None:
+        """Soon."""
+        self._changed = True
+
     def refresh(self) -> None:
         """Brings controls and drawing up to date."""
         self._changed = True
@@ -161,48 +161,13 @@ class Page:
 
     # the eye
 
-    def _welcome(self, client: viser.ClientHandle) -> None:
-        self.attempt(lambda: self._through_camera(client))
-        self.refresh()
-
-        @client.camera.on_update
-        async def _(camera: viser.CameraHandle) -> None:
-            set_for, place = self._fitted.get(client.client_id, (camera.aspect, camera.position))
-            untouched = np.abs(camera.position - place).max() < 1e-3 * np.abs(place).max()
-            if untouched and not self.in_space and abs(camera.aspect / set_for - 1) > 0.01:  # a panel takes its room, say
-                self.attempt(lambda: self._through_camera(client))
-            drawing = self.drawing
-            if drawing is not None and drawing.seen_from(camera.position, camera.fov, camera.image_height):
-                self._changed = True
-
-    def _through_camera(self, client: viser.ClientHandle) -> None:
-        """Puts a window's eye where the whole photograph fills it."""
-        if self.drawing is None:
-            return
-        width, height = self.drawing.size
-        aspect = client.camera.aspect or 1.5
-        away = MARGIN * max(height, width / aspect) / (2 * np.tan(FOV / 2))
-        middle = np.array([(width - 1) / 2, (height - 1) / 2, 0.0])
-        with client.atomic():
-            camera = client.camera
-            camera.near, camera.far, camera.fov = 0.01 * away, 20 * away, FOV
-            camera.up_direction = (0.0, -1.0, 0.0)
-            camera.position, camera.look_at = middle - [0, 0, away], middle
-        self._fitted[client.client_id] = aspect, middle - [0, 0, away]
-
     def look(self, client: viser.ClientHandle, in_space: bool, eye: int | None = None) -> None:
         """Through the camera of a view, by its number, or at the models in space before it."""
         with self.lock, self._painting:
             self.in_space, self.eye = in_space, self.eye if eye is None else eye
             if self.drawing is not None:
                 self.drawing.look(self.eye, in_space)
-        self._through_camera(client)
-        if in_space and self.drawing is not None:
-            with client.atomic():
-                middle = client.camera.look_at
-                out = np.linalg.norm(middle - client.camera.position)
-                client.camera.position = middle + out * ASIDE
-                client.camera.look_at = middle
+        self.eyes.look(client, in_space)
         self.refresh()
 
     # runs
@@ -257,9 +222,9 @@ class Page:
         def do() -> None:
             full = self._saved(name)
             self.engine.settle()
-            rest = "" if self.engine.at_rest() else " It is not at rest yet; `symseek run` goes on until it is."
+            rest = "" if self.engine.at_rest() else " It is not at rest yet; symseek run goes on until it is."
             self.controls.list_files()
-            self.tell("Saved", f"`{full.relative_to(self.folder.root)}`.{rest}", "green")
+            self.tell("Saved", f"{full.relative_to(self.folder.root)}.{rest}", "green")
 
         self.attempt(do)
 
@@ -278,7 +243,7 @@ class Page:
             self.tell("Working", "meshes, measures and pictures are being made")
             result = self.engine.call(lambda: run_scene(full, out, self.engine.device)).result()
             doubts = [f"{o.name}: {w}" for o in result.objects for w in o.warnings]
-            text = f"{len(result.files)} files in `{out.relative_to(self.folder.root)}`."
+            text = f"{len(result.files)} files in {out.relative_to(self.folder.root)}."
             self.tell("Not to be trusted" if doubts else "Done", " ".join([text, *doubts]), "red" if doubts else "green")
 
         self.attempt(do)
@@ -292,7 +257,7 @@ class Page:
             with self._painting:
                 text = self._html()
             full = self.folder.write(self.session, f"{name}.html", text)
-            self.tell("Written", f"`{full.relative_to(self.folder.root)}`", "green")
+            self.tell("Written", f"{full.relative_to(self.folder.root)}", "green")
 
         self.attempt(do)
 
@@ -300,12 +265,10 @@ class Page:
         drawing, colours = self.drawing, self._colours()
         assert drawing is not None
         drawing.models(self.engine.snapshots, colours, True)
-        width, height = drawing.size
-        middle = np.array([(width - 1) / 2, (height - 1) / 2, 0.0])
-        away = MARGIN * max(height, width / 1.5) / (2 * np.tan(FOV / 2))
+        out, at = away(drawing.size, 1.5), middle(drawing.size)
         eye = self.server.initial_camera
-        eye.fov, eye.near, eye.far, eye.up = FOV, 0.01 * away, 20 * away, (0.0, -1.0, 0.0)
-        eye.position, eye.look_at = middle + 1.25 * away * ASIDE, middle  # windows of other shapes are to see all of it
+        eye.fov, eye.near, eye.far, eye.up = FOV, 0.01 * out, 20 * out, (0.0, -1.0, 0.0)
+        eye.position, eye.look_at = at + 1.25 * out * ASIDE, at  # windows of other shapes are to see all of it
         text = self.server.scene.as_html()
         self._changed = True
         return text
@@ -347,6 +310,8 @@ class Page:
             drawing.models(snapshots, colours, self.in_space)
             items = [item for item in session.state.items if item.is_tube]
             drawing.axes([self._axis(item) for item in items], self.handle() if self.tool == "Draw" else None)
+            marked = [] if self.engine.frame > 0 else items
+            drawing.marks([m for i in marked for m in marks_of(session, i, snapshots.get(i.uid), self.eye)])
         self.server.flush()
         self.mouse.listen_to_models(drawing)
         self.engine.watched = self.chosen
@@ -356,7 +321,8 @@ class Page:
             line = self._plot.setdefault(self.chosen, [])
             if line and line[-1][0] > s.iteration:
                 line.clear()
-            if not line or s.iteration > line[-1][0]:
+            known = np.isfinite([s.residual, error]).all()
+            if known and (not line or s.iteration > line[-1][0]):
                 line.append((s.iteration, s.residual, error))
                 del line[:-KEPT]
         self.controls.follow(s, self._plot.get(self.chosen or -1, []))

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from symseek.checks import SceneError
+from symseek.objects import SPINE_MIN, STEP_MIN
 from symseek.scene import Scene, build
 from symseek.sim.problem import Tube, View
 
@@ -101,13 +102,19 @@ class Scenery:
             alone = {k: w for k, w in item.table.items() if v == 0 and k not in ("spine", "spines", "depth")}
             if len(self.views) > 1:  # its springs may be of views that are not there
                 alone.pop("spring", None)
-            axis = points if len(points) >= 2 else _across(size)
+            axis = points if len(points) >= 2 and not self._short(item) else _across(size)
             table = {**alone, "name": item.name, "spine": axis, "depth": 1.0}
             self._with(replace(item, table=table), top, slice(v, v + 1))
 
     def _waits(self, item: Item) -> bool:
-        """Whether an axis in the first of several views, at a depth that is a guess, waits for one in another."""
-        return len(self.views) > 1 and "spines" not in item.table and not item.in_world
+        """Whether an axis waits for more points, or for one in another view, its depth being a guess."""
+        return self._short(item) or (len(self.views) > 1 and "spines" not in item.table and not item.in_world)
+
+    def _short(self, item: Item) -> bool:
+        """Whether an axis in the first view is too short as yet; its points lie apart."""
+        points = np.array([] if item.in_world else item.table.get("spine", []), float).reshape(-1, 2)
+        steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+        return len(points) > 1 and steps.sum() < SPINE_MIN and steps.min() >= STEP_MIN
 
     def _with(self, item: Item, top: Mapping[str, Any], views: slice = slice(None)) -> Scene:
         return self.build({**top, "object": [{"name": item.name, **item.for_file()}]}, views)

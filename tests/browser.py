@@ -77,7 +77,7 @@ class Hand:
 
     def steady(self) -> None:
         """Waits until the eye stands where the panel leaves it room."""
-        fitted = self.studio.page._fitted
+        fitted = self.studio.page.eyes.fitted
         camera = next(iter(self.studio.server.get_clients().values())).camera
         box, same = self.page.locator("canvas").first, 0
 
@@ -158,6 +158,8 @@ def opened(paths: Sequence[str], root: Path, script: str = "", **window: Any) ->
     from playwright.sync_api import sync_playwright
 
     studio = Studio(paths, root, port=0)
+    said, tell = [], studio.page.tell
+    studio.page.tell = lambda *message: (said.append(message[:2]), tell(*message))[1]
     try:
         with sync_playwright() as p:
             browser = p.chromium.launch(executable_path=chromium(), args=FLAGS)
@@ -172,6 +174,7 @@ def opened(paths: Sequence[str], root: Path, script: str = "", **window: Any) ->
             hand.steady()
             yield hand
             browser.close()
+            assert not [text for title, text in said if "fault" in title]
     finally:
         studio.close()
 
