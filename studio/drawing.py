@@ -30,8 +30,8 @@ MANY = 8
 """Models from which on fewer lines and triangles are drawn."""
 LAYER = 1e-3
 """Between what lies on the photograph, one above the other [its shorter side]."""
-WINDOW = 600
-"""Height of a window of which nothing is known [px]."""
+WINDOW = 800
+"""Most pixels of a window's height that are counted: a fine screen has more, which are smaller."""
 LINES = {"wire": 1.0, "contour": 3.0, "spine": 2.0, "axis": 2.0, "springs": 3.0, "marks": 2.0}
 """What is drawn on it, from below, and how thick [screen px]."""
 BESIDE = (0.25, 0.9)
@@ -158,7 +158,7 @@ class Drawing:
             Whether they are to be drawn anew.
         """
         away = float(np.linalg.norm(eye - [*(self.size - 1) / 2, 0.0]))
-        pixel = 2 * away * np.tan(fov / 2) / max(height, 1)
+        pixel = 2 * away * np.tan(fov / 2) / min(height, WINDOW)
         changed = abs(pixel / self.pixel - 1) > 0.05
         self.pixel = pixel if changed else self.pixel
         return changed

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import viser
 
+from .drawing import WINDOW
+
 if TYPE_CHECKING:
     from .page import Page
 
@@ -16,8 +18,8 @@ MARGIN = 1.06
 """Of the view around the photograph."""
 ASIDE = 1.15 * np.array([0.55, -0.35, -0.76])
 """From the photograph's middle to the eye that sees the models in space, beside its distance through the camera."""
-NARROW = 576
-"""Width of a window from which on viser lays the panel over the lower part of the picture [px]."""
+TALL = 0.7
+"""Aspect of a window from which on a photograph stands at its top: on a telephone the panel lies over the lower part."""
 
 
 def away(size: np.ndarray, aspect: float) -> float:
@@ -58,18 +60,22 @@ class Eyes:
                 untouched and not self.page.in_space and abs(camera.aspect / set_for - 1) > 0.01
             ):  # a panel takes its room, say
                 self.page.attempt(lambda: self.through_camera(client))
-            drawing = self.page.drawing
-            if drawing is not None and drawing.seen_from(camera.position, camera.fov, camera.image_height):
-                self.page.draw_anew()
+            self._sees(camera)
+
+    def _sees(self, camera: viser.CameraHandle) -> None:
+        """Has lines drawn as thick as they are to be for an eye."""
+        drawing = self.page.drawing
+        if drawing is not None and drawing.seen_from(camera.position, camera.fov, camera.image_height or WINDOW):
+            self.page.draw_anew()
 
     def through_camera(self, client: viser.ClientHandle) -> None:
-        """Puts a window's eye where the whole photograph fills it; of a narrow one the upper part, above the panel."""
+        """Puts a window's eye where the whole photograph fills it; of a tall one the upper part."""
         drawing = self.page.drawing
         if drawing is None:
             return
         aspect = client.camera.aspect or 1.5
         out, at = away(drawing.size, aspect), middle(drawing.size)
-        if client.camera.image_width < NARROW:
+        if aspect < TALL:
             at[1] += max(0.0, out * np.tan(FOV / 2) - 0.5 * MARGIN * drawing.size[1])
         with client.atomic():
             camera = client.camera
@@ -77,6 +83,7 @@ class Eyes:
             camera.up_direction = (0.0, -1.0, 0.0)
             camera.position, camera.look_at = at - [0, 0, out], at
         self.fitted[client.client_id] = aspect, at - [0, 0, out]
+        self._sees(client.camera)
 
     def look(self, client: viser.ClientHandle, in_space: bool) -> None:
         """Through the camera, or at the models in space before the photograph."""

@@ -22,6 +22,6 @@ def marks_of(session: Session, item: Item, s: Snapshot | None, v: int) -> list[t
     ]
     found = [(np.array(session.scenery.seen(0, points), float), colour) for points, colour in lots if points and v == 0]
     painted = np.array(item.table.get("material", {}).get(PAINTED, 1.0))
-    if s is not None and painted.T.shape == s.tube.shape[:2]:
-        found.append((session.views[v].camera.project(s.tube[painted.T == 0]), CREASE))
+    if s is not None and painted.shape == s.tube.shape[:2]:
+        found.append((session.views[v].camera.project(s.tube[painted == 0]), CREASE))
     return [(points, colour) for points, colour in found if len(points)]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import viser
 
-from .drawing import Drawing, away_from, material_point
+from .drawing import WINDOW, Drawing, away_from, material_point
 from .handle import away, pixels
 from .session import Session
 
@@ -202,7 +202,7 @@ def _on_photograph(client: viser.ClientHandle, point: Sequence[float]) -> np.nda
 def _near(client: viser.ClientHandle) -> float:
     """`NEAR` in pixels of the photograph."""
     camera = client.camera
-    return NEAR * 2 * abs(camera.position[2]) * np.tan(camera.fov / 2) / max(camera.image_height, 1)
+    return NEAR * 2 * abs(camera.position[2]) * np.tan(camera.fov / 2) / min(camera.image_height or WINDOW, WINDOW)
 
 
 def _nearest(points: Sequence[Sequence[float]], place: np.ndarray, reach: float) -> int | None:

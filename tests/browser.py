@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import numpy as np
 
@@ -46,7 +47,7 @@ class Hand:
         """Where in the window an image point (column, row) lies, through the camera."""
         camera = next(iter(self.studio.server.get_clients().values())).camera
         box = self.page.locator("canvas").first.bounding_box()
-        zoom = camera.image_height / (2 * abs(camera.position[2]) * np.tan(camera.fov / 2))
+        zoom = box["height"] / (2 * abs(camera.position[2]) * np.tan(camera.fov / 2))
         x, y = (np.asarray(place) - camera.position[:2]) * zoom
         return box["x"] + box["width"] / 2 + x, box["y"] + box["height"] / 2 + y
 
@@ -158,10 +159,8 @@ def opened(paths: Sequence[str], root: Path, script: str = "", **window: Any) ->
     from playwright.sync_api import sync_playwright
 
     studio = Studio(paths, root, port=0)
-    said, tell = [], studio.page.tell
-    studio.page.tell = lambda *message: (said.append(message[:2]), tell(*message))[1]
     try:
-        with sync_playwright() as p:
+        with sync_playwright() as p, mock.patch.object(studio.page, "tell", wraps=studio.page.tell) as told:
             browser = p.chromium.launch(executable_path=chromium(), args=FLAGS)
             page = browser.new_context(**{"viewport": WINDOW, **window}).new_page()
             page.add_init_script(script)
@@ -174,7 +173,7 @@ def opened(paths: Sequence[str], root: Path, script: str = "", **window: Any) ->
             hand.steady()
             yield hand
             browser.close()
-            assert not [text for title, text in said if "fault" in title]
+            assert not [said for said in told.call_args_list if "fault" in said.args[0]]
     finally:
         studio.close()
 

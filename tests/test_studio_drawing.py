@@ -7,13 +7,16 @@ import pytest
 import viser
 from viser.transforms import SO3
 
+from symseek import cli
 from symseek.sim.camera import Camera
 from symseek.sim.curve import evenly
 from symseek.sim.problem import View
 from symseek.sim.surface import occluding_contour
 from symseek.studio.drawing import Drawing, Frame, away_from, material_point
 from symseek.studio.handle import away, handle, rate
+from symseek.studio.keep import Folder
 from symseek.studio.lines import COARSE, FINE, lines_of
+from symseek.studio.marks import CREASE, GAP, NOT_HERE, marks_of
 from symseek.studio.part import Snapshot
 from symseek.studio.ribbons import OVERLAP, Ribbons, strips_of
 
@@ -156,3 +159,17 @@ def test_lines_are_strips_of_their_colours():
         assert len(ribbons._meshes[0xFF0000].vertices) == 4 * 128
     finally:
         server.stop()
+
+
+def test_what_was_marked_is_shown_where_it_is():
+    """Marks, creases and gaps of the first view; nodes that were painted where the model has them."""
+    session = Folder(cli.demos()["squash"].parent).open("scene.toml")[0]
+    session.mark(1, (60, 70))
+    session.break_at(1, (260, 278))
+    session.break_at(1, (300, 290), "position")
+    session.paint(1, [(3, 10), (4, 11)])
+    (item,) = session.state.items
+    found = {colour: points.tolist() for points, colour in marks_of(session, item, None, 0)}
+    assert found == {NOT_HERE: [[60, 70]], CREASE: [[260, 278]], GAP: [[300, 290]]}
+    points, colour = marks_of(session, item, snapshot(), 0)[-1]
+    assert colour == CREASE and points.tolist() == session.view.camera.project(TUBE[[3, 4], [10, 11]]).tolist()

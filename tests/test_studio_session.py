@@ -97,7 +97,8 @@ def test_whatever_is_done_can_be_undone_and_kept(tmp_path_factory, begin, action
         for item in items:
             assert item.table == json.loads(json.dumps(item.table)), "as its file would hold it"
             tube = session.tube(item)
-            assert (tube is not None) == item.finished or len(session.views) > 1
+            steps = np.linalg.norm(np.diff(np.reshape(item.table.get("spine", []), (-1, 2)), axis=0), axis=1)
+            assert (tube is not None) == (item.finished and steps.sum() >= 10) or len(session.views) > 1
         complete = [i for i in items if session.tube(i) is not None]
         if complete and len(complete) == len(items):
             tables = {k: v for k, v in session.tables().items() if k != "view"}
@@ -388,3 +389,15 @@ def test_a_crease_is_painted(folder):
     session.set_weight(uid, {"w11": 1e-7})
     session.paint(uid, [(3, 10)])
     assert np.argwhere(np.array(session.item(uid).table["material"]["w11"]) == 0).tolist() == [[3, 10]]
+
+
+def test_an_axis_may_be_short_while_it_is_drawn(folder):
+    """Two clicks close together are not refused, but no tube; a point twice at one place is."""
+    session, uid = drawn(folder, (10, 20), (14, 22))
+    assert session.axis(uid) == [[10, 20], [14, 22]] and session.tube(session.item(uid)) is None
+    with pytest.raises(symseek.SceneError, match="pixels long"):
+        session.tables()
+    with pytest.raises(symseek.SceneError, match="are both"):
+        session.add_point(uid, (14, 22))
+    session.add_point(uid, (40, 24))
+    assert session.tube(session.item(uid)) is not None

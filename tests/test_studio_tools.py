@@ -50,7 +50,7 @@ def pixels(hand: Hand) -> np.ndarray:
     return np.asarray(Image.open(BytesIO(hand.page.locator("canvas").first.screenshot())).convert("RGB")).astype(int)
 
 
-def charts(hand: Hand) -> list[list[list[float]]]:
+def charts(hand: Hand) -> list[tuple[list[int], list[float]]]:
     """What the plots that are open hold: iterations and values of each."""
     return hand.page.evaluate(
         "Object.values(window.__viserTestpoints?.uplots ?? {}).map(u => u.chart.data.map(line => Array.from(line)))"
@@ -172,10 +172,10 @@ def test_a_model_is_run_and_shaped_by_mouse(tmp_path):
         hand.wait(rests, 60)
         rested_at = max(seen)
         hand.wait(lambda: all(chart[0][-1] == rested_at for chart in charts(hand)))
-        (at_, residual), (at, error) = charts(hand)
-        common = [k for k, i in enumerate(at) if i in seen]
-        assert at == at_ and np.all(np.diff(at) > 0) and len(common) > 5
-        np.testing.assert_allclose([residual[k] for k in common], [np.log10(seen[at[k]][0]) for k in common], atol=1e-6)
+        (plotted, residual), (same, error) = charts(hand)
+        common = [k for k, i in enumerate(plotted) if i in seen]
+        assert plotted == same and np.all(np.diff(plotted) > 0) and len(common) > 5
+        np.testing.assert_allclose([residual[k] for k in common], [np.log10(seen[plotted[k]][0]) for k in common], atol=1e-6)
         assert residual[-1] == pytest.approx(np.log10(seen[rested_at][0])) and error[-1] == pytest.approx(seen[rested_at][1])
         hand.page.locator(".uplot").last.scroll_into_view_if_needed()
         hand.shot("tool plots")
