@@ -111,7 +111,7 @@ class Assembly(Fabric):
             carried = self._carried_on(k)
             if len(self.views) > 1:
                 self.axes[k] = carried
-            breaks = [replace(b, at=self._share(b.at, carried)) for b in tube.breaks]
+            breaks = [replace(b, at=self._share(b.at, carried, tube.grid[1])) for b in tube.breaks]
             self.weights.breaks[k] = breaks
             radius = tube.radius or self._radius(k)
             axis, where = (carried - self.origin) / self.unit, marks(breaks, tube.grid[1])
@@ -121,13 +121,13 @@ class Assembly(Fabric):
         self.state.tube.assign(tube_flat.astype(np.float32))
         self.state.spine.assign(spine_flat.astype(np.float32))
 
-    def _share(self, at: float | tuple[float, float], axis: np.ndarray) -> float:
-        """Share of the axis' length at a break, given so or by an image point."""
-        if isinstance(at, int | float):
-            return at
-        fine = axis_curve(axis)
-        gap = self.views[0].camera.project(fine) - np.asarray(at, float)
-        return float((gap**2).sum(axis=1).argmin() / (len(fine) - 1))
+    def _share(self, at: float | tuple[float, float], axis: np.ndarray, ns: int) -> float:
+        """Share of the axis' length at a break, given so or by an image point; there is room for a ring before and after it."""
+        if not isinstance(at, int | float):
+            fine = axis_curve(axis)
+            gap = self.views[0].camera.project(fine) - np.asarray(at, float)
+            at = float((gap**2).sum(axis=1).argmin() / (len(fine) - 1))
+        return min(max(at, 1 / (ns - 1)), 1 - 1 / (ns - 1))
 
     def _pixel(self, k: int, v: int) -> float:
         """World length of a pixel of view v at the middle of object k's axis."""

@@ -10,6 +10,7 @@ import symseek
 from benchmarks import breaks
 from symseek import cli
 from symseek.kernels import coupling
+from symseek.scene import build
 from symseek.scenes import broken, raster
 from symseek.sim.body import Body
 from symseek.sim.camera import Camera
@@ -117,6 +118,19 @@ def test_rings_are_marked_off_where_the_break_is():
     assert spine[AT, 1] == pytest.approx(0.37, abs=2e-3) and np.all(np.diff(spine[:, 1]) > 0)
     _, spine = initial_tube(axis, 0.1, (NX, NS), False, [(AT + 0.5, 0.62)])
     assert spine[AT, 1] < 0.62 - 0.01 and spine[AT + 1, 1] > 0.62 + 0.01
+
+
+@pytest.mark.parametrize(("at", "order"), [([600, 460], "tangent"), ([600, 460], "position"), (1.0, "tangent")])
+def test_a_break_beyond_an_end_leaves_room_for_rings(at, order):
+    """Beside the image point next to it the axis ends: rings that stood in one place had no direction."""
+    squash = cli.demos()["squash"]
+    axis = symseek.load(squash).tubes[0].spine.tolist()
+    table = {"spine": axis, "break": [{"at": at, "order": order}]}
+    scene = build(
+        {"view": [{"image": "squash.jpg"}], "object": [table], "solver": {"iterations": 20}}, squash.parent, "test"
+    )
+    (found,) = symseek.reconstruct(scene).objects
+    assert np.isfinite(found.tube).all() and np.linalg.norm(np.diff(found.spine[0], axis=0), axis=1).min() > 0.5
 
 
 def test_rings_do_not_look_across_a_gap():
