@@ -122,7 +122,7 @@ class Assembly(Fabric):
         self.state.spine.assign(spine_flat.astype(np.float32))
 
     def _share(self, at: float | tuple[float, float], axis: np.ndarray, ns: int) -> float:
-        """Share of the axis' length at a break, given so or by an image point; there is room for a ring before and after it."""
+        """Share of the axis' length at a break, given so or by an image point, with room for a ring before and after it."""
         if not isinstance(at, int | float):
             fine = axis_curve(axis)
             gap = self.views[0].camera.project(fine) - np.asarray(at, float)
