@@ -21,7 +21,9 @@ NICE = 5
 def yields() -> None:
     """Lets this thread take what time is left; where threads have no priorities of their own, nothing."""
     if sys.platform == "linux":
-        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICE)
+        thread = threading.get_native_id()
+        own = os.getpriority(os.PRIO_PROCESS, thread)
+        os.setpriority(os.PRIO_PROCESS, thread, max(NICE, own))  # not everyone may go back
 
 
 class Pace:

@@ -264,13 +264,16 @@ class Page:
     def _html(self) -> str:
         drawing, colours = self.drawing, self._colours()
         assert drawing is not None
-        drawing.models(self.engine.snapshots, colours, True)
         out, at = away(drawing.size, 1.5), middle(drawing.size)
         eye = self.server.initial_camera
         eye.fov, eye.near, eye.far, eye.up = FOV, 0.01 * out, 20 * out, (0.0, -1.0, 0.0)
         eye.position, eye.look_at = at + 1.25 * out * ASIDE, at  # windows of other shapes are to see all of it
-        text = self.server.scene.as_html()
-        self._changed = True
+        with self.server.atomic():  # windows are not to see it
+            drawing.look(self.eye, True)
+            drawing.models(self.engine.snapshots, colours, True)
+            text = self.server.scene.as_html()
+            drawing.look(self.eye, self.in_space)
+            drawing.models(self.engine.snapshots, colours, self.in_space)
         return text
 
     def _colours(self) -> dict[int, str]:

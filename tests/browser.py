@@ -7,11 +7,13 @@ import shutil
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 from unittest import mock
 
 import numpy as np
+from PIL import Image
 
 from symseek.sim.curve import evenly
 from symseek.sim.surface import occluding_contour
@@ -189,3 +191,8 @@ def contour(hand: Hand, fine: int = 6000, v: int = 0) -> np.ndarray:
 def gap(a: np.ndarray, b: np.ndarray) -> float:
     """Longest way [px] from a point of a to the next of b."""
     return float(max(np.linalg.norm(p - b, axis=1).min() for p in a[::20]))
+
+
+def pixels(hand: Hand) -> np.ndarray:
+    """The page's picture, shape (h, w, 3)."""
+    return np.asarray(Image.open(BytesIO(hand.page.locator("canvas").first.screenshot())).convert("RGB")).astype(int)

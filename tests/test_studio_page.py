@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from unittest import mock
 
 import numpy as np
@@ -10,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
+from symseek.studio.pace import NICE, yields
 from symseek.studio.serve import Studio
 from tests.test_studio_session import AXIS, PIXELS, action
 
@@ -69,3 +74,19 @@ def test_whatever_is_done_while_models_run_can_be_undone(studio, actions):
         assert begun in (page.session.state, *(state for state, _ in page.session._future))
         assert not [said for said in told.call_args_list if "fault" in said.args[0]]
     page.run("Pause")
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="threads have no priorities of their own")
+def test_a_studio_that_was_started_with_little_priority_keeps_to_it():
+    def priorities() -> list[int]:
+        own, found = threading.get_native_id(), []
+        found.append(os.getpriority(os.PRIO_PROCESS, own))
+        yields()
+        found.append(os.getpriority(os.PRIO_PROCESS, own))
+        os.setpriority(os.PRIO_PROCESS, own, 15)
+        yields()
+        return [*found, os.getpriority(os.PRIO_PROCESS, own)]
+
+    with ThreadPoolExecutor(1) as pool:
+        first, second, third = pool.submit(priorities).result()
+    assert second == max(first, NICE) and third == 15

@@ -5,16 +5,14 @@ from __future__ import annotations
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
-from io import BytesIO
 
 import numpy as np
 import pytest
-from PIL import Image
 
 import symseek
 from symseek import cli
 from symseek.studio.state import PALETTE
-from tests.browser import Hand, chromium, contour, opened
+from tests.browser import Hand, chromium, contour, opened, pixels
 
 pytestmark = pytest.mark.skipif(chromium() is None, reason="no Chromium: on Debian `make test` installs it")
 SQUASH = cli.demos()["squash"]
@@ -43,11 +41,6 @@ def one_step(hand: Hand, label: str) -> Iterator[None]:
 def take(hand: Hand, tool: str) -> None:
     hand.press(tool)
     hand.wait(lambda: hand.studio.page.tool == tool)
-
-
-def pixels(hand: Hand) -> np.ndarray:
-    """The page's picture, shape (h, w, 3)."""
-    return np.asarray(Image.open(BytesIO(hand.page.locator("canvas").first.screenshot())).convert("RGB")).astype(int)
 
 
 def charts(hand: Hand) -> list[tuple[list[int], list[float]]]:
