@@ -14,9 +14,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
+import symseek
 from symseek.studio.pace import NICE, yields
 from symseek.studio.serve import Studio
-from tests.test_studio_session import AXIS, PIXELS, action
+from symseek.studio.session import Session
+from tests.test_studio_session import AXIS, BEGIN, PIXELS, action
 
 pull = st.tuples(st.just("pull"), st.floats(0, 1), st.floats(0, 1), st.floats(-10, 70), st.floats(-10, 60), st.booleans())
 button = st.sampled_from(["Run", "Run", "Pause", "Step", "Reset", "Undo", "Redo"]).map(lambda b: ("button", b))
@@ -90,3 +92,18 @@ def test_a_studio_that_was_started_with_little_priority_keeps_to_it():
     with ThreadPoolExecutor(1) as pool:
         first, second, third = pool.submit(priorities).result()
     assert second == max(first, NICE) and third == 15
+
+
+def test_an_axis_may_be_short_while_it_is_drawn(tmp_path):
+    """Two clicks close together are not refused, but no tube; a point twice at one place is."""
+    session = Session(BEGIN, tmp_path, "made")
+    uid = session.add()
+    for point in ((10, 20), (14, 22)):
+        session.add_point(uid, point)
+    assert session.axis(uid) == [[10, 20], [14, 22]] and session.tube(session.item(uid)) is None
+    with pytest.raises(symseek.SceneError, match="pixels long"):
+        session.tables()
+    with pytest.raises(symseek.SceneError, match="are both"):
+        session.add_point(uid, (14, 22))
+    session.add_point(uid, (40, 24))
+    assert session.tube(session.item(uid)) is not None

@@ -389,15 +389,3 @@ def test_a_crease_is_painted(folder):
     session.set_weight(uid, {"w11": 1e-7})
     session.paint(uid, [(3, 10)])
     assert np.argwhere(np.array(session.item(uid).table["material"]["w11"]) == 0).tolist() == [[3, 10]]
-
-
-def test_an_axis_may_be_short_while_it_is_drawn(folder):
-    """Two clicks close together are not refused, but no tube; a point twice at one place is."""
-    session, uid = drawn(folder, (10, 20), (14, 22))
-    assert session.axis(uid) == [[10, 20], [14, 22]] and session.tube(session.item(uid)) is None
-    with pytest.raises(symseek.SceneError, match="pixels long"):
-        session.tables()
-    with pytest.raises(symseek.SceneError, match="are both"):
-        session.add_point(uid, (14, 22))
-    session.add_point(uid, (40, 24))
-    assert session.tube(session.item(uid)) is not None
