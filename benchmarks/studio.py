@@ -2,7 +2,7 @@
 
 `python -m benchmarks.studio [--quick] [--out FILE.md]`. An update is a frame for which new geometry went to the graphics
 card, counted in the page; the answer to the mouse is the first one after a movement while a model at rest is held.
-Wall-clock times, best of three: they are worth as much as the machine was quiet.
+Wall-clock times, best of five: they are worth as much as the machine was quiet.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from tests.browser import Hand, chromium, opened
 from .tables import Headed, command, headed, machine
 
 MODELS = (1, 14, 43)
-RUNS, SECONDS, MOVES = 3, 5.0, 15
+RUNS, SECONDS, MOVES = 5, 5.0, 15
 SPINE = np.array([[160, 143], [174, 233], [260, 278], [361, 311], [454, 342]])
 TILE = np.array([200, 150])
 """Size of one squash among many [px]."""
@@ -120,7 +120,7 @@ def measure(quick: bool) -> Headed:
                 hand.wait(lambda count=count: len(hand.studio.engine.snapshots) == count, 120)
                 rates, answer = updates(hand), answers(hand, session)
         table.append([str(count), *(f"{r:.0f}" for r in (*rates, *answer))])
-    return [("updates of the page, best of three; the mouse's spring, median of fifteen movements", table)]
+    return [("updates of the page, best of five; the mouse's spring, median of fifteen movements", table)]
 
 
 def run(quick: bool) -> Callable[[bool], str]:
