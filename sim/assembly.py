@@ -13,7 +13,7 @@ from .camera import Camera
 from .fabric import Fabric
 from .fields import joined, marks
 from .foreground import Foreground, axis_curve, length_of
-from .guide import LEAST, MODES, course, ends, weakest
+from .guide import LEAST, MODES, SMOOTH, course, ends, weakest
 from .hidden import Hidden, clear_of
 from .initial import deal, fading, initial_tube, lift
 from .model import Model
@@ -61,10 +61,11 @@ class Assembly(Fabric):
         own_views: of each tube, what it must not look at left out.
         hidden, meetings: where each tube is hidden in each view, and where outlines of what lies behind meet its own, image
             points (n, 2): by `visibility.Visibility`.
+        smooth: of the courses of spines, see `guide.SMOOTH`.
     """
 
     def __init__(self, views: list[View], tubes: list[Tube], settings: Settings, device: str, maps: list[list[Foreground]]):
-        self.views, self.maps = views, maps
+        self.views, self.maps, self.smooth = views, maps, SMOOTH
         camera = views[0].camera
         spines = [np.asarray(tube.spine, float) for tube in tubes]
         self.axes = [
@@ -121,7 +122,7 @@ class Assembly(Fabric):
         self.state.spine.assign(spine_flat.astype(np.float32))
 
     def _share(self, at: float | tuple[float, float], axis: np.ndarray, ns: int) -> float:
-        """Share of the axis' length at a break, given so or by an image point, with room for a ring on both sides."""
+        """Share of the axis' length at a break, given so or by an image point, with room for a ring before and after it."""
         if not isinstance(at, int | float):
             fine = axis_curve(axis)
             gap = self.views[0].camera.project(fine) - np.asarray(at, float)
@@ -228,7 +229,7 @@ class Assembly(Fabric):
                 body = ends(spines[rings], np.maximum(radius, least)) ** 2
             own_say = LEAST + (1 - LEAST) * body
             weak[rings] *= np.sqrt(1 - own_say)[:, None]
-            modes[rings], say[rings] = course(spines[rings], radius, own_say)
+            modes[rings], say[rings] = course(spines[rings], radius, own_say, self.smooth)
         self.model.weak.assign(weak.astype(np.float32))
         self.model.course_modes.assign(modes.astype(np.float32))
         self.model.course_say.assign(say.astype(np.float32))
