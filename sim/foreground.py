@@ -276,7 +276,8 @@ def _rounds(
         beyond = far | ((look.off > reach[look.place]) & (ratio < CLEAR))
         prior[sure], prior[beyond] = 1.0, 0.0
         hold = np.where(look.known, PRIOR, 1e-6) + np.where(sure | beyond, SEED, 0.0)
-        inside = walk.solve(hold, prior, inside if again else prior, again and decide)
+        # not from the colours: so near to them that the walk would end before it has spread
+        inside = walk.solve(hold, prior, inside, again and decide)
         last, mine = mine, _at_axis(inside, look.line) | sure
         reach = _reach(mine, look.line, slack)
         if again:
