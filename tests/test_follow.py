@@ -195,14 +195,16 @@ def test_past_an_end():
 
 
 def test_a_cap_stands_for_what_goes_on():
-    """Round and as deep as wide past an end, the rest as it was; and found again where it was drawn."""
+    """Round, as deep as wide, as wide as the tube beside that end; the rest stays; found again where it was drawn."""
     tube, spine = straight()
     at = places(spine, spine[[4, -1]] + [2.0, 0, 0])
     np.testing.assert_allclose(at, [4, 20], atol=0.06)
     new, line = capped(tube, spine, (True, False), np.array([4.0, 20.0]))
     np.testing.assert_array_equal(new[:, 4:], tube[:, 4:])
     np.testing.assert_array_equal(line[4:], spine[4:])
-    radius = np.linalg.norm(tube[:, 4] - spine[4], axis=1).mean()
+    radii = np.linalg.norm(tube - spine, axis=2).mean(axis=0)
+    assert 2 * radii[4] < np.linalg.norm(spine[9] - spine[4])
+    radius = radii[4:10].mean()  # of five rings more, which reach further than the tube is wide
     assert np.linalg.norm(line[0] - spine[4]) == pytest.approx(radius)
     np.testing.assert_allclose(np.linalg.norm(new[:, :4] - spine[4], axis=2), radius, rtol=1e-6)
     assert (new[..., 1].min() - (spine[4, 1] - radius)) == pytest.approx(0)
