@@ -10,6 +10,7 @@ from scipy import ndimage
 
 from .bend import bend, cross, outlines
 from .beyond import capped, part, past, places
+from .foreground import length_of
 from .guide import CLOSELY
 from .hidden import Hidden
 from .loop import HOST
@@ -20,7 +21,7 @@ from .relax import HOLD, Relaxation
 from .retake import profile, retaken
 from .search import shifted
 
-SHARE, STUBBY = 0.03, 6.0
+SHARE, STUBBY = 0.03, 7.0
 """Share of the rigidities w2 and w02 while tracking, more lags behind, less is lost; and below how many widths of length it
 grows, as a beam's own rigidity does, with the square of the width: what is stubby does not curl within its width."""
 STRETCH = 0.05
@@ -112,7 +113,8 @@ class Follower:
         self.seconds = 0.0
         slender = max(palette.length / (2 * palette.half_width) for palette in self.palettes)
         self.degree = int(np.clip(round(slender), *DEGREE))
-        self.share = float(np.clip(SHARE * (STUBBY / slender) ** 2, SHARE, 1.0))
+        wide = 2 * np.median(np.linalg.norm(tube - spine, axis=2).mean(axis=0))
+        self.share = float(np.clip(SHARE * (STUBBY * wide / max(length_of(spine), wide)) ** 2, SHARE, 1.0))
         scene.hold_shares(HOLD)  # a bend changes them
         scene.smooth = CLOSELY
         if scene.weights.materials[0].L1 is None:

@@ -15,7 +15,7 @@ from symseek.sim.follow import DOUBTFUL, Follower, Tracking, folded
 from symseek.sim.foreground import Foreground
 from symseek.sim.palette import Palette
 from symseek.sim.potential import Potential, fewer
-from symseek.sim.problem import Tube, View
+from symseek.sim.problem import Settings, Tube, View
 from symseek.sim.retake import profile, retaken
 from symseek.sim.sampling import resample
 from symseek.sim.search import shifted
@@ -208,3 +208,19 @@ def test_a_cap_stands_for_what_goes_on():
     assert np.linalg.norm(line[0] - spine[4]) == pytest.approx(radius)
     np.testing.assert_allclose(np.linalg.norm(new[:, :4] - spine[4], axis=2), radius, rtol=1e-6)
     assert (new[..., 1].min() - (spine[4, 1] - radius)) == pytest.approx(0)
+
+
+@pytest.mark.parametrize("long", [45.0, 130.0])
+def test_what_is_stubby_is_held_stiffer(long):
+    """While followed: by the square of width over length below seven widths; the tube is drawn, its size is known."""
+    tube, spine = straight(long=long)
+    image, shares = bright(tube, Camera.orthographic()), []
+    quick = Settings(iterations=60)
+    track(
+        [[image]] * 2,
+        [View(image)],
+        [Tube(spine[3:-3:3, :2])],
+        quick,
+        callback=lambda shown: shares.append(shown.followers[0].share),
+    )
+    assert shares == [pytest.approx(0.03 * max(1.0, (7 * 2 * HALF / long) ** 2), rel=0.15)]
