@@ -23,8 +23,6 @@ COARSE = 3.0
 """Most samples for a sigma: beyond, every second sample serves as well."""
 FLOOR = 0.03
 """Share of the strongest edge below which an edge pulls less and less."""
-PLAIN = 0.06
-"""Share of the map's word at the finest scale below which it says nothing."""
 THIN, THICK = 4.0, 6.0
 """Depth of the map's object, in sigmas, below which its two edges disturb each other, and above which they do not."""
 LOUDER, FURTHER = 0.1, 2.0
@@ -145,6 +143,9 @@ class ScaleSpace:
         known: colours (h, w, channels) at the map's samples, for a quick look: where these are no finer than pixels
             they serve.
     """
+
+    plain = 0.0
+    """Share of the map's word at the finest scale below which it says nothing."""
 
     def __init__(self, view: View, camera: Camera, map_: Foreground, settings: Settings, known: np.ndarray | None = None):
         self.settings, self.map = settings, map_
@@ -301,7 +302,7 @@ class ScaleSpace:
         loud = self._floor(p) * (1 + (LOUDER / FLOOR - 1) * thin)
         silent = loud / (p + loud)
         if finest:  # or the map, which is not so fine, would lead plain edges astray a little
-            silent = np.maximum(silent - PLAIN, 0) / (1 - PLAIN)
+            silent = np.maximum(silent - self.plain, 0) / (1 - self.plain)
         unsaid = self._pressure(sigma, sure) * (1 + (FURTHER - 1) * thin) * silent
         return self._potential(sigma, [*pull, unsaid, self._pole(sigma, sure)], p)
 

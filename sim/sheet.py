@@ -29,6 +29,8 @@ STEP = 2.0
 """Time step of what the image holds: its own stiffness, taken implicitly, makes that two thirds of the way."""
 POINTS = 400
 """Points of an outline, or of a side of one, where the image is looked up: as many whatever the nodes."""
+PLAIN = 0.06
+"""`ScaleSpace.plain` of outlines."""
 BEND = 2.5
 """Length over which a snake's own rigidity evens it out, the fourth root of w2 over the image's unit stiffness [sigmas]."""
 
@@ -85,7 +87,9 @@ class Sheets:
         else:
             points, closed, camera = first[:, 0, :2], o.closed, Camera.orthographic()
         if closed and self.settings.potential == "map":
-            return ScaleSpace(view, camera, region_map(view.image, points, view.ignore, o.not_here), self.settings)
+            space = ScaleSpace(view, camera, region_map(view.image, points, view.ignore, o.not_here), self.settings)
+            space.plain = PLAIN  # a tube's flank beside what hides the rest needs all of the map's word
+            return space
         plain = self.settings if closed else replace(self.settings, potential="edges")
         return ScaleSpace(view, camera, no_map(view.image, points), plain)
 
