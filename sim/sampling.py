@@ -2,22 +2,11 @@
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 from scipy import ndimage
 from scipy.sparse import csr_array
+from skimage import color
 
-FINE = 1 << 16
-"""Steps of the tables by which colours are converted."""
-STRIP = 32
-"""Rows that are converted together: what is in use then stays in the cache."""
-WHITES = np.array(
-    [[0.433953, 0.376219, 0.189828], [0.212671, 0.715160, 0.072169], [0.017758, 0.109477, 0.872766]], np.float32
-)
-"""sRGB's linear channels in X, Y and Z over those of white (D65)."""
-LAB = np.array([[0, 1.16, 0], [500 / 180, -500 / 180, 0], [0, 200 / 180, -200 / 180]], np.float32)
-"""L / 100 + 0.16, a / 180, b / 180 by the roots of X, Y and Z over white's."""
 TINT, DARK = 3.0, 1.0
 """Weight of tint against lightness at lightness 0.5; added to the lightness (white is 1) that divides the tint."""
 
@@ -72,25 +61,7 @@ def colours(image: np.ndarray) -> np.ndarray:
         return image[..., None].astype(np.float32)
     if max(np.abs(image[..., 0] - image[..., i]).max() for i in (1, 2)) < 1e-3:
         return image[..., :1].astype(np.float32)
-    linear, root = _tables()
-    out = np.empty(image.shape, np.float32)
-    for first in range(0, len(image), STRIP):
-        strip = image[first : first + STRIP]
-        planes = np.stack([strip[..., i] for i in range(3)], dtype=np.float32).reshape(3, -1)
-        for table, mix in ((linear, WHITES), (root, LAB)):
-            planes = mix @ table.take((planes * np.float32(FINE) + np.float32(0.5)).astype(np.intp), mode="clip")
-        planes[0] -= np.float32(0.16)
-        out[first : first + STRIP] = np.moveaxis(planes.reshape(3, *strip.shape[:2]), 0, 2)
-    return out
-
-
-@cache
-def _tables() -> tuple[np.ndarray, np.ndarray]:
-    """At values 0 to 1 in `FINE` steps: sRGB's values in linear light, and the root that Lab takes of them."""
-    t = np.arange(FINE + 1) / FINE
-    linear = np.where(t > 0.04045, ((t + 0.055) / 1.055) ** 2.4, t / 12.92)
-    root = np.where(t > 0.008856, np.cbrt(t), 7.787 * t + 16 / 116)
-    return linear.astype(np.float32), root.astype(np.float32)
+    return (color.rgb2lab(image) / np.array([100.0, 180.0, 180.0])).astype(np.float32)
 
 
 def tinted(x: np.ndarray) -> np.ndarray:
