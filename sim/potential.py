@@ -19,10 +19,12 @@ from .sampling import colours, resample
 
 WIDE = 64.0
 """Most samples for an object's half width: finer images are sampled down, so that work does not grow with them."""
-COARSE = 3.0
+COARSE = 5.0
 """Most samples for a sigma: beyond, every second sample serves as well."""
 FLOOR = 0.03
 """Share of the strongest edge below which an edge pulls less and less."""
+PLAIN = 0.06
+"""`ScaleSpace.plain` of outlines; a tube's flank beside what hides the rest needs all of the map's word."""
 THIN, THICK = 4.0, 6.0
 """Depth of the map's object, in sigmas, below which its two edges disturb each other, and above which they do not."""
 LOUDER, FURTHER = 0.1, 2.0
@@ -141,14 +143,20 @@ class ScaleSpace:
     Args:
         view, camera, map_, settings: of the tube in the view.
         known: colours (h, w, channels) at the map's samples, for a quick look: where these are no finer than pixels
-            they serve.
+            they serve, and no more channels than tell the edges at the map's outline.
+        plain: share of the map's word at the finest scale below which it says nothing.
     """
 
-    plain = 0.0
-    """Share of the map's word at the finest scale below which it says nothing."""
-
-    def __init__(self, view: View, camera: Camera, map_: Foreground, settings: Settings, known: np.ndarray | None = None):
-        self.settings, self.map = settings, map_
+    def __init__(
+        self,
+        view: View,
+        camera: Camera,
+        map_: Foreground,
+        settings: Settings,
+        known: np.ndarray | None = None,
+        plain: float = 0.0,
+    ):
+        self.settings, self.map, self.plain = settings, map_, plain
         quick = known if map_.step >= 1 else None
         self.step = max(1.0, map_.half_width / WIDE) if quick is None else map_.step
         self.origin, extent = self._box()
@@ -164,7 +172,7 @@ class ScaleSpace:
         if settings.potential == "brightness":
             self.image = self.image[..., :1]
         self._outlines: dict[float, np.ndarray] = {}
-        if settings.potential == "map" and self.image.shape[2] > 1:
+        if known is not None and self.image.shape[2] > 1:
             self.image = fewer(self.image, self._gate(1.0))
         self.sigmas = sigma_list(map_.half_width, self.step, settings.sigmas)
         self.known = None

@@ -17,7 +17,7 @@ from ..kernels import sheet as kernels
 from .camera import Camera
 from .curve import between, border, evenly, first_nodes, shoelace, size
 from .model import eye_of
-from .potential import RANGE, Potential, ScaleSpace
+from .potential import PLAIN, RANGE, Potential, ScaleSpace
 from .problem import Settings, Sheet, SheetMaterial, Snake, SnakeMaterial, View
 from .region import no_map, region_map
 from .solvers.adi import SolverADI
@@ -29,8 +29,6 @@ STEP = 2.0
 """Time step of what the image holds: its own stiffness, taken implicitly, makes that two thirds of the way."""
 POINTS = 400
 """Points of an outline, or of a side of one, where the image is looked up: as many whatever the nodes."""
-PLAIN = 0.06
-"""`ScaleSpace.plain` of outlines."""
 BEND = 2.5
 """Length over which a snake's own rigidity evens it out, the fourth root of w2 over the image's unit stiffness [sigmas]."""
 
@@ -86,12 +84,10 @@ class Sheets:
             points, closed, camera = view.camera.project(border(first)), True, view.camera
         else:
             points, closed, camera = first[:, 0, :2], o.closed, Camera.orthographic()
-        if closed and self.settings.potential == "map":
-            space = ScaleSpace(view, camera, region_map(view.image, points, view.ignore, o.not_here), self.settings)
-            space.plain = PLAIN  # a tube's flank beside what hides the rest needs all of the map's word
-            return space
-        plain = self.settings if closed else replace(self.settings, potential="edges")
-        return ScaleSpace(view, camera, no_map(view.image, points), plain)
+        settings = self.settings if closed else replace(self.settings, potential="edges")
+        mapped = settings.potential == "map"
+        map_ = region_map(view.image, points, view.ignore, o.not_here) if mapped else no_map(view.image, points)
+        return ScaleSpace(view, camera, map_, settings, plain=PLAIN)
 
     def _lay_out(self) -> None:
         ring_tube = np.repeat(np.arange(len(self.grids)), [ns for _, ns in self.grids])
