@@ -144,6 +144,8 @@ class Hand:
     def at_rest(self) -> None:
         """Waits until all models have been told to run and nothing moves."""
         engine = self.studio.engine
+        with self.studio.page.lock:  # the engine has heard of what was done last
+            pass
         self.wait(lambda: engine.snapshots and all(part.go for part in list(engine._parts.values())))
         self.wait(lambda: not engine.call(engine.going).result(60), 60.0)
 
