@@ -179,13 +179,17 @@ class ScaleSpace:
         if view.ignore is not None:
             self.known = resample((~view.ignore).astype(np.float32), self.origin, self.step, self.shape)
 
+    def forget(self) -> None:
+        """Lets go of what is made anew when one more potential is asked for."""
+        self._outlines = {}
+        for made in ("_half", "_depth", "_planes"):
+            vars(self).pop(made, None)
+
     @cached_property
     def _half(self) -> ScaleSpace:
         """The same at half the samples a side."""
         half = copy.copy(self)
-        half._outlines = {}
-        for made in ("_depth", "_planes"):
-            vars(half).pop(made, None)
+        half.forget()
         half.step = 2 * self.step
         half.shape = (self.shape[0] // 2 + 1, self.shape[1] // 2 + 1)
         half.image, half.inside = (resample(v, np.zeros(2), 2.0, half.shape) for v in (self.image, self.inside))

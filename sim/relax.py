@@ -79,6 +79,7 @@ class Relaxation:
         self.stage, self.sigma, self.iteration, self.residual = 0, self._sigmas[0][0][0], 0, float("inf")
         self.done, self.converged, self.diverged = False, False, False
         self.history: list[list] = [[] for _ in scene.tubes]
+        self._snapshot_every = CHECK * max(1, scene.settings.iterations // (10 * SNAPSHOTS * CHECK))
         self.pictures: list[PotentialPicture] = []
         self._drawn = drawn
         self.potentials: list[list[Potential]] = []
@@ -182,6 +183,9 @@ class Relaxation:
         beyond = self.stage + 1 + len(self._ahead)
         if beyond < self.stages:
             self._ahead.append(self._made(beyond))
+        if self.last:
+            for space in (space for row in scene.spaces for space in row):
+                space.forget()
         if self._drawn:
             self.pictures.append(self.potentials[0][0].picture)
         self.sigma = self._sigmas[self.stage][0][0]
@@ -214,6 +218,10 @@ class Relaxation:
         if weights.stale or (weights.timed and self.iteration % CHECK == 0):
             self.loop.set_material()
         if self.iteration % self._snapshot_every == 0:
+            if len(self.history[0]) == 2 * SNAPSHOTS:
+                for states in self.history:
+                    del states[1::2]
+                self._snapshot_every *= 2
             self.snapshot()
         if scene.springs.due(self.iteration):
             self.loop.hold_springs(self.iteration)
@@ -223,10 +231,6 @@ class Relaxation:
         """What was under way does not tell of what comes."""
         self._begun, self._moved, self._leaps = self.iteration, float("inf"), 0
         self._trail = [self.scene.positions()]
-
-    @property
-    def _snapshot_every(self) -> int:
-        return CHECK * max(1, self.scene.settings.iterations // (10 * SNAPSHOTS * CHECK))
 
     def _next_event(self) -> int:
         """The next iteration before or after which there is something to do."""
