@@ -58,6 +58,12 @@ class Loop:
         if self._forms() != self.forms:
             self._capture()
 
+    def calm(self) -> None:
+        """Lets a step repeat less of the one before: the share that it does not repeat is doubled."""
+        if self.solver.momentum:
+            self.solver.momentum = max(2 * self.solver.momentum - 1, 0.0)
+            self._capture()
+
     def _forms(self) -> tuple:
         """What a graph has frozen of model and solver."""
         m = self.scene.model

@@ -134,7 +134,7 @@ class Settings:
     """"normalised" or "paper": the plain gradient of (11) times `gain`."""
     sigmas: tuple[float, ...] | None = None
     """falling smoothing scales [px of the first view]; None: from the object's half width."""
-    iterations: int = 4000
+    iterations: int = 6000
     """most iterations in all."""
     tolerance: float = 3e-6
     """residual force at which a stage is at rest [initial spine lengths]."""

@@ -37,6 +37,9 @@ where they were, until all is all but at rest; then so much that nothing slides 
 end lies beyond the image, of which nothing else is known."""
 SOFT = 600
 """Iterations after which the springs are firm in any case: what is told by little may never come to rest else."""
+SETTLING, CREEP = 400, 1e-3
+"""Iterations of the finest scale in which what moves is to slow down by half, or it is led on by less momentum: forces of
+images have no energy, and what they turn round and round momentum drives on for ever. Below which it creeps [as REST]."""
 LOST = 1.0
 """Residual force at which the solver has diverged [initial spine lengths]."""
 LEAST_SHARE = 0.01
@@ -119,7 +122,8 @@ class Relaxation:
             return
         if self.done and not self.diverged and self.iteration < self._end:
             self.done, self.converged, self._under_way = False, False, True
-        self._begun, self._moved, self._trail = self.iteration, float("inf"), [self.scene.positions()]
+        self._begun, self._trail = self.iteration, [self.scene.positions()]
+        self._moved = self._earlier = float("inf")
 
     def stop(self) -> None:
         """Ends the run where it is."""
@@ -207,7 +211,7 @@ class Relaxation:
         # what earlier scales did not use is left to later ones
         most = s.iterations if self.last else min(s.iterations, Settings.iterations)
         self._end = self.iteration + max(0, most - self.iteration) // (self.stages - self.stage)
-        self._moved, self._leaps = float("inf"), 0
+        self._leaps, self._moved, self._earlier = 0, float("inf"), float("inf")
         self._trail: list[tuple[np.ndarray, np.ndarray]] = [self._start[0]]
         if self._end == self.iteration:
             self._finish_stage()
@@ -229,8 +233,8 @@ class Relaxation:
 
     def _look_anew(self) -> None:
         """What was under way does not tell of what comes."""
-        self._begun, self._moved, self._leaps = self.iteration, float("inf"), 0
-        self._trail = [self.scene.positions()]
+        self._begun, self._leaps, self._trail = self.iteration, 0, [self.scene.positions()]
+        self._moved = self._earlier = float("inf")
 
     def _next_event(self) -> int:
         """The next iteration before or after which there is something to do."""
@@ -244,6 +248,8 @@ class Relaxation:
         if last and (self.iteration - self._begun) % LOOK == 0:
             self._moved = scene.moved(self._trail[-1][0])
             self._trail = [*self._trail[1 - TRAIL :], scene.positions()]
+            if (self.iteration - self._begun) % SETTLING == 0 and not self.loop.solver.mass:
+                self._settle()
         if self.iteration % CHECK and self.iteration != self._end:
             return
         self.residual = self.loop.residual()
@@ -279,11 +285,25 @@ class Relaxation:
         self.converged = False
         if len(self._trail) < TRAIL:
             return
-        tube, spine = limit(self._trail)
-        self.converged = self.scene.moved(tube) < AHEAD
+        self.converged = self.scene.moved(limit(self._trail)[0]) < AHEAD
         if not self.converged:
-            self.scene.rewind((tube, spine))
-            self._leaps, self._moved, self._trail = self._leaps + 1, float("inf"), [self.scene.positions()]
+            self._jump()
+            self._leaps += 1
+
+    def _settle(self) -> None:
+        """Leads on with less momentum what has not slowed down by half since this was asked last, and to where it creeps."""
+        slower, self._earlier = self._moved <= self._earlier / 2, self._moved
+        if slower:
+            return
+        self.loop.calm()
+        if self._firm and self._moved < CREEP and len(self._trail) == TRAIL:
+            self._jump()
+
+    def _jump(self) -> None:
+        """To where the last looks lead."""
+        tube, spine = limit(self._trail)
+        self.scene.rewind((tube, spine))
+        self._moved, self._trail = float("inf"), [self.scene.positions()]
 
     def _go_back(self) -> None:
         """To where the scale started, to do it again by the plain scheme; once."""

@@ -1,5 +1,6 @@
 """From an image and rough clicks to a surface: accuracy on one known solid, and what must not change it."""
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -7,11 +8,12 @@ import pytest
 
 from benchmarks import rest, truth
 from symseek.scenes.synthetic import Sample, make
+from symseek.sim.assembly import Assembly, maps_of
 from symseek.sim.camera import Camera
 from symseek.sim.material import Material
 from symseek.sim.problem import Settings, Tube, View
 from symseek.sim.reconstruct import ObjectResult, reconstruct
-from symseek.sim.relax import LONGEST, limit
+from symseek.sim.relax import LONGEST, SNAPSHOTS, Relaxation, limit
 from symseek.sim.visibility import Visibility
 
 SIZE = 256
@@ -99,6 +101,24 @@ def test_result_is_whole(pear):
     assert [len(p) for p in pear.contour] == [len(s) for s in pear.support]
     for values in (pear.tube, pear.spine, pear.vertices, *pear.contour):
         assert np.all(np.isfinite(values))
+
+
+def test_a_long_run_remembers_few_states_evenly_spread(sample):
+    view, tube = View(np.ascontiguousarray(sample.image), Camera.orthographic()), Tube(sample.clicks, grid=(9, 13))
+    settings, passed = Settings(scheme="adi", tolerance=1e-12, iterations=5000, sigmas=(4.0,)), []
+    with ThreadPoolExecutor(1) as pool:
+        part = Relaxation(Assembly([view], [tube], settings, "cpu", maps_of([view], [tube])), pool)
+        while not part.done:
+            passed.append(part.scene.world(0)[0].astype(np.float32))
+            part.advance(10)
+    assert part.iteration == 5000
+    states = part.history[0]
+    assert SNAPSHOTS <= len(states) <= 2 * SNAPSHOTS
+    when, far = [], len(passed) // len(states)
+    for tube_then, *_ in states[:40]:  # later ones hardly differ
+        when.append(min(range(len(passed)), key=lambda i: np.abs(passed[i] - tube_then).max()))
+        np.testing.assert_array_equal(passed[when[-1]], tube_then)
+    assert set(np.diff(when)) == {when[1]} and far <= when[1] <= 2 * far
 
 
 def test_same_bits_twice(pear, sample):
