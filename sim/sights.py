@@ -11,7 +11,7 @@ from .foreground import axis_curve
 
 BLIND = 1e-4
 """Stiffness of the weakest direction, over that of the stiffest, below which no view tells it."""
-DEGREE = 5
+DEGREE = 7
 """Of the way, a polynomial along it, from a rough axis to the one that all views agree about."""
 ROUGH = 3
 """Of an axis by what was clicked."""
