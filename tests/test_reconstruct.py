@@ -103,11 +103,17 @@ def test_result_is_whole(pear):
         assert np.all(np.isfinite(values))
 
 
-def test_a_long_run_remembers_few_states_evenly_spread(sample):
+def _part(sample, pool, **settings) -> Relaxation:
+    """A small tube, at one scale."""
     view, tube = View(np.ascontiguousarray(sample.image), Camera.orthographic()), Tube(sample.clicks, grid=(9, 13))
-    settings, passed = Settings(scheme="adi", tolerance=1e-12, iterations=5000, sigmas=(4.0,)), []
+    settings = Settings(**{"scheme": "adi", "tolerance": 1e-12, "sigmas": (4.0,)} | settings)
+    return Relaxation(Assembly([view], [tube], settings, "cpu", maps_of([view], [tube])), pool)
+
+
+def test_a_long_run_remembers_few_states_evenly_spread(sample):
+    passed = []
     with ThreadPoolExecutor(1) as pool:
-        part = Relaxation(Assembly([view], [tube], settings, "cpu", maps_of([view], [tube])), pool)
+        part = _part(sample, pool, iterations=5000)
         while not part.done:
             passed.append(part.scene.world(0)[0].astype(np.float32))
             part.advance(10)
@@ -119,6 +125,27 @@ def test_a_long_run_remembers_few_states_evenly_spread(sample):
         when.append(min(range(len(passed)), key=lambda i: np.abs(passed[i] - tube_then).max()))
         np.testing.assert_array_equal(passed[when[-1]], tube_then)
     assert set(np.diff(when)) == {when[1]} and far <= when[1] <= 2 * far
+
+
+def test_what_does_not_slow_down_goes_on_with_less_momentum(sample, monkeypatch):
+    """And only that; what creeps leaps as well. With none left it goes as if none had been asked for."""
+    with ThreadPoolExecutor(1) as pool:
+        for way, momentum, leaps in (
+            (lambda i: 0.5 ** (i / 390), 0.9, 0),
+            (lambda i: 1e-2, 0.0, 0),
+            (lambda i: 9e-4, 0.0, 5),
+        ):
+            part, jumps = _part(sample, pool, iterations=2401), []
+            monkeypatch.setattr(part.scene, "moved", lambda before, part=part, way=way: way(part.iteration))
+            monkeypatch.setattr(part, "_jump", lambda jumps=jumps: jumps.append(1))
+            part.advance(2400)
+            assert part.loop.solver.momentum == pytest.approx(momentum) and len(jumps) == leaps
+        calm, plain = _part(sample, pool), _part(sample, pool, momentum=0.0)
+        for _ in range(4):
+            calm.loop.calm()
+        for part in (calm, plain):
+            part.advance(40)
+        np.testing.assert_array_equal(calm.scene.world(0)[0], plain.scene.world(0)[0])
 
 
 def test_same_bits_twice(pear, sample):
