@@ -54,6 +54,11 @@ def _of_view(settings: Settings, row: list[Foreground], map_: Foreground) -> Set
     return replace(settings, sigmas=tuple(s * map_.half_width / row[0].half_width for s in settings.sigmas))
 
 
+STUBBY = 3.5
+"""Widths of a tube's length below which it begins stiffer, as the square of that: its end rings, so close together, would
+grow past the object and fold over the poles, before a short first tube has reached the ends."""
+
+
 class Assembly(Fabric):
     """Scale spaces, model and state of some tubes; world units outside, initial spine lengths of the first within.
 
@@ -113,6 +118,7 @@ class Assembly(Fabric):
                 self.axes[k] = carried
             breaks = [replace(b, at=self._share(b.at, carried, tube.grid[1])) for b in tube.breaks]
             self.weights.breaks[k] = breaks
+            self.weights.stubby[k] = max(1.0, STUBBY / self._slender(k)) ** 2
             radius = tube.radius or self._radius(k)
             axis, where = (carried - self.origin) / self.unit, marks(breaks, tube.grid[1])
             nodes, spine = initial_tube(axis, radius / self.unit, tube.grid, tube.material.closed, where)
@@ -136,6 +142,10 @@ class Assembly(Fabric):
     def _radius(self, k: int) -> float:
         """Of the first tube: half of how wide the maps' object is."""
         return float(np.mean([0.5 * m.half_width * self._pixel(k, v) for v, m in enumerate(self.maps[k])]))
+
+    def _slender(self, k: int) -> float:
+        """Length of the rough axis in widths of the maps' object."""
+        return max(m.length / (2 * m.half_width) for m in self.maps[k])
 
     def _look(self) -> None:
         """Shares the pull on each tube out over the views, by the areas of their pixels."""

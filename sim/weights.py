@@ -28,6 +28,7 @@ class Weights:
     Attributes:
         materials: of each tube, as they are now.
         share: of the rigidities w2 and w02, which falls with sigma (continuation).
+        stubby: of each tube, how much stiffer than that w02 is at the coarsest scale.
         cuts: discontinuities of each tube and of each spine, lists over tubes.
         stale: whether a material was changed since the last `write`.
         told: whether the views tell each tube's depth, so that nothing need hold it.
@@ -43,6 +44,7 @@ class Weights:
         self.share, self.stale, self._timed = 1.0, True, self._any_timed()
         self.told = [model.views != 1] * len(materials)
         self.untold: list[float | np.ndarray] = [1.0] * len(materials)
+        self.stubby = [1.0] * len(materials)
         self.cuts: list[list[Cut]] = [[] for _ in materials]
         self.spine_cuts: list[list[Cut]] = [[] for _ in materials]
         self._host: dict[str, np.ndarray] = {}
@@ -106,7 +108,7 @@ class Weights:
             f["w20"], f["b"] = f["w20"] * freed[:, None], f["b"] * freed
             # a stiff spine would straighten, and by that roll up, what views all around hold less firmly than one does
             spine_share = np.minimum(self.share, np.broadcast_to(TOLD_SHARE ** (1 - self.untold[k]), ns))
-            share = np.full((ns, 1), self.share)
+            share = np.full((ns, 1), self.share * self.stubby[k] ** self.share)
             for at, gap in self.cuts[k]:
                 if gap:  # what carries a rim on straight
                     share[[at - 1, at + 2]] = 1.0
