@@ -28,7 +28,7 @@ class Weights:
     Attributes:
         materials: of each tube, as they are now.
         share: of the rigidities w2 and w02, which falls with sigma (continuation).
-        stubby: of each tube, how much stiffer than that w02 is at the coarsest scale.
+        stubby: of each tube, how much more than that w02 is at the coarsest scale.
         cuts: discontinuities of each tube and of each spine, lists over tubes.
         stale: whether a material was changed since the last `write`.
         told: whether the views tell each tube's depth, so that nothing need hold it.
@@ -44,7 +44,7 @@ class Weights:
         self.share, self.stale, self._timed = 1.0, True, self._any_timed()
         self.told = [model.views != 1] * len(materials)
         self.untold: list[float | np.ndarray] = [1.0] * len(materials)
-        self.stubby = [1.0] * len(materials)
+        self.stubby = [0.0] * len(materials)
         self.cuts: list[list[Cut]] = [[] for _ in materials]
         self.spine_cuts: list[list[Cut]] = [[] for _ in materials]
         self._host: dict[str, np.ndarray] = {}
@@ -108,12 +108,13 @@ class Weights:
             f["w20"], f["b"] = f["w20"] * freed[:, None], f["b"] * freed
             # a stiff spine would straighten, and by that roll up, what views all around hold less firmly than one does
             spine_share = np.minimum(self.share, np.broadcast_to(TOLD_SHARE ** (1 - self.untold[k]), ns))
-            share = np.full((ns, 1), self.share * self.stubby[k] ** self.share)
+            share = np.full((ns, 1), self.share)
             for at, gap in self.cuts[k]:
                 if gap:  # what carries a rim on straight
                     share[[at - 1, at + 2]] = 1.0
             for name in ("w10", "w20", "w11", "w01", "w02", "mu", "gamma"):
                 fresh[name][nodes] = (f[name] * (share if name == "w02" else 1.0)).reshape(-1)
+            fresh["w02"][nodes] += self.share**2 * self.stubby[k] * (fresh["w02"][nodes] > 0)
             for name in ("w1", "w2", "k1"):
                 fresh[name][rings] = f[name] * (spine_share if name == "w2" else 1.0)
             for name in ("mu", "gamma"):
