@@ -55,8 +55,8 @@ def _of_view(settings: Settings, row: list[Foreground], map_: Foreground) -> Set
 
 
 STUBBY, STIFF = 2.0, 1e-7
-"""Widths of a tube's length below which it begins stiffer, by so much w02 times the fourth power of that, less one: its end
-rings, so close together, would grow past the object and fold over the poles before a short tube has reached the ends."""
+"""Widths of a tube's length below which, in several views, it begins stiffer, by so much w02 times the fourth power of that,
+less one: its end rings, so close together, would grow past the object and fold over the poles that are still inside it."""
 
 
 class Assembly(Fabric):
@@ -118,7 +118,8 @@ class Assembly(Fabric):
                 self.axes[k] = carried
             breaks = [replace(b, at=self._share(b.at, carried, tube.grid[1])) for b in tube.breaks]
             self.weights.breaks[k] = breaks
-            self.weights.stubby[k] = STIFF * (max(1.0, STUBBY / self._slender(k)) ** 4 - 1)
+            if len(self.views) > 1:
+                self.weights.stubby[k] = STIFF * (max(1.0, STUBBY / self._slender(k)) ** 4 - 1)
             radius = tube.radius or self._radius(k)
             axis, where = (carried - self.origin) / self.unit, marks(breaks, tube.grid[1])
             nodes, spine = initial_tube(axis, radius / self.unit, tube.grid, tube.material.closed, where)
