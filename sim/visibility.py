@@ -182,9 +182,10 @@ class Visibility:
         )
         self._drawn.update({(v, k): (about[k], flat[k]) for k in np.flatnonzero(moved).tolist()})
         anew = meets[:, moved].any(axis=1)
+        about_them = meets[:, anew].any(axis=1)
         found: dict[int, tuple[Hidden | None, np.ndarray]] = {}
         for g in np.unique(group[anew]):
-            members = np.flatnonzero((group == g) & meets[:, anew].any(axis=1))
+            members = np.flatnonzero((group == g) & about_them)
             own = [flat[k] for k in members], [margins[k] for k in members]
             behind = self._group(*own, boxes[members], meets[np.ix_(members, members)], anew[members], shape)
             found |= {
