@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import warp as wp
+from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
@@ -173,8 +174,11 @@ class Visibility:
             unit = 1.0 if camera.affine else own[..., 2].mean() ** 2
             margins.append(AHEAD * unit * np.linalg.norm(np.diff(centre, axis=0), axis=1).sum())
         boxes = np.array([[f[..., :2].min((0, 1)) - ROOM, f[..., :2].max((0, 1)) + ROOM] for f in flat])
-        meets = np.all((boxes[None, :, 0] < boxes[:, None, 1]) & (boxes[:, None, 0] < boxes[None, :, 1]), axis=2)
-        _, group = connected_components(meets, directed=False)
+        meets = np.ones((len(boxes), len(boxes)), bool)
+        for first, last in boxes.transpose(2, 1, 0):
+            np.logical_and(meets, first < last[:, None], out=meets)
+            np.logical_and(meets, first[:, None] < last, out=meets)
+        _, group = connected_components(csr_array(meets), directed=False)
         # what only others have brought to be looked at stays where it was drawn: what it meets was looked at with it there
         about = [tuple(np.flatnonzero(m).tolist()) for m in meets]
         moved = np.array(
