@@ -185,8 +185,8 @@ class Visibility:
             [not self._as_drawn(v, k, about[k], f, m) for k, (f, m) in enumerate(zip(flat, margins, strict=True))]
         )
         self._drawn.update({(v, k): (about[k], flat[k]) for k in np.flatnonzero(moved).tolist()})
-        anew = meets[:, moved].any(axis=1)
-        about_them = meets[:, anew].any(axis=1)
+        anew = np.any(meets[:, moved], axis=1)
+        about_them = np.any(meets[:, anew], axis=1)
         found: dict[int, tuple[Hidden | None, np.ndarray]] = {}
         for g in np.unique(group[anew]):
             members = np.flatnonzero((group == g) & about_them)
