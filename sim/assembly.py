@@ -26,6 +26,9 @@ from .spring import Held, Springs
 
 LINE_LOAD = 0.04
 """Stiffness of the contour: force a displacement for each unit of contour length and of s."""
+SQUAT, STIFF = 2.0, 1e-7
+"""Widths of a tube's length below which, in several views, it begins stiffer, by so much w02 times the fourth power of that,
+less one: its end rings, so close together, would grow past the object and fold over the poles that are still inside it."""
 
 
 def maps_of(views: list[View], tubes: list[Tube]) -> list[list[Foreground]]:
@@ -52,11 +55,6 @@ def _of_view(settings: Settings, row: list[Foreground], map_: Foreground) -> Set
     if settings.sigmas is None:
         return settings
     return replace(settings, sigmas=tuple(s * map_.half_width / row[0].half_width for s in settings.sigmas))
-
-
-STUBBY, STIFF = 2.0, 1e-7
-"""Widths of a tube's length below which, in several views, it begins stiffer, by so much w02 times the fourth power of that,
-less one: its end rings, so close together, would grow past the object and fold over the poles that are still inside it."""
 
 
 class Assembly(Fabric):
@@ -119,7 +117,7 @@ class Assembly(Fabric):
             breaks = [replace(b, at=self._share(b.at, carried, tube.grid[1])) for b in tube.breaks]
             self.weights.breaks[k] = breaks
             if len(self.views) > 1:
-                self.weights.stubby[k] = STIFF * (max(1.0, STUBBY / self._slender(k)) ** 4 - 1)
+                self.weights.stiffer[k] = STIFF * (max(1.0, SQUAT / self.slender(k)) ** 4 - 1)
             radius = tube.radius or self._radius(k)
             axis, where = (carried - self.origin) / self.unit, marks(breaks, tube.grid[1])
             nodes, spine = initial_tube(axis, radius / self.unit, tube.grid, tube.material.closed, where)
@@ -144,8 +142,8 @@ class Assembly(Fabric):
         """Of the first tube: half of how wide the maps' object is."""
         return float(np.mean([0.5 * m.half_width * self._pixel(k, v) for v, m in enumerate(self.maps[k])]))
 
-    def _slender(self, k: int) -> float:
-        """Length of the rough axis in widths of the maps' object."""
+    def slender(self, k: int) -> float:
+        """Length of tube k's rough axis in widths of the maps' object."""
         return max(m.length / (2 * m.half_width) for m in self.maps[k])
 
     def _look(self) -> None:
@@ -173,7 +171,8 @@ class Assembly(Fabric):
         if self.settings.potential != "map":
             return self.axes[k]
         if len(self.views) > 1:
-            return common_axis(self.axes[k], [view.camera for view in self.views], [m.axis for m in self.maps[k]])
+            cameras = [view.camera for view in self.views]
+            return common_axis(self.axes[k], cameras, [m.axis for m in self.maps[k]], self.slender(k))
         camera, flat = self.views[0].camera, self.maps[k][0].axis
         axis = axis_curve(self.axes[k])
         long = np.concatenate([2 * axis[0] - axis[::-1], axis, 2 * axis[-1] - axis[::-1]])

@@ -111,10 +111,10 @@ class Follower:
         self.profiles = [profile(view.image, view.camera.project(spine)) for view in scene.views]
         self.seen, self.off = [1.0], [0.0]
         self.seconds = 0.0
-        slender = max(palette.length / (2 * palette.half_width) for palette in self.palettes)
-        self.degree = int(np.clip(round(slender), *DEGREE))
+        self.degree = int(np.clip(round(scene.slender(0)), *DEGREE))
         wide = 2 * np.median(np.linalg.norm(tube - spine, axis=2).mean(axis=0))
         self.share = float(np.clip(SHARE * (STUBBY * wide / max(length_of(spine), wide)) ** 2, SHARE, 1.0))
+        scene.weights.stiffer[0] = 0.0  # the share above sees to that
         scene.hold_shares(HOLD)  # a bend changes them
         scene.smooth = CLOSELY
         if scene.weights.materials[0].L1 is None:

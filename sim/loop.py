@@ -28,7 +28,7 @@ class Loop:
     def __init__(self, scene: Fabric, careful: bool):
         s = scene.settings
         slow, momentum = (1.0, 0.0) if careful else (s.slow, s.momentum)
-        self.scene = scene
+        self.scene, self._momentum = scene, momentum
         self.solver: Solver = make_solver(s.scheme, scene.model, s.step, slow, momentum)
         self._capture()
 
@@ -60,9 +60,17 @@ class Loop:
 
     def calm(self) -> None:
         """Lets a step repeat less of the one before: the share that it does not repeat is doubled."""
-        if self.solver.momentum:
-            self.solver.momentum = max(2 * self.solver.momentum - 1, 0.0)
-            self._capture()
+        self._repeat(max(2 * self.solver.momentum - 1, 0.0))
+
+    def rouse(self) -> None:
+        """Lets a step repeat as much of the one before as at first."""
+        self._repeat(self._momentum)
+
+    def _repeat(self, momentum: float) -> None:
+        if momentum != self.solver.momentum:
+            self.solver.momentum = momentum
+            with HOST:
+                self._capture()
 
     def _forms(self) -> tuple:
         """What a graph has frozen of model and solver."""

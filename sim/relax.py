@@ -122,8 +122,7 @@ class Relaxation:
             return
         if self.done and not self.diverged and self.iteration < self._end:
             self.done, self.converged, self._under_way = False, False, True
-        self._begun, self._trail = self.iteration, [self.scene.positions()]
-        self._moved = self._earlier = float("inf")
+        self._watch()
 
     def stop(self) -> None:
         """Ends the run where it is."""
@@ -233,7 +232,13 @@ class Relaxation:
 
     def _look_anew(self) -> None:
         """What was under way does not tell of what comes."""
-        self._begun, self._leaps, self._trail = self.iteration, 0, [self.scene.positions()]
+        self.loop.rouse()
+        self._leaps = 0
+        self._watch()
+
+    def _watch(self) -> None:
+        """From here on, whether it moves."""
+        self._begun, self._trail = self.iteration, [self.scene.positions()]
         self._moved = self._earlier = float("inf")
 
     def _next_event(self) -> int:

@@ -11,10 +11,12 @@ from .foreground import axis_curve
 
 BLIND = 1e-4
 """Stiffness of the weakest direction, over that of the stiffest, below which no view tells it."""
-DEGREE, OWN = 7, 15
-"""Most of the way, a polynomial along it, from a rough axis to the one that all views agree about; and of the rough axis."""
-ROUGH, CLICKED = 3, 5
-"""Degree of an axis by what was clicked, and of what lies across the clicked axes."""
+DEGREE = 5
+"""Of the way, a polynomial along it, from a rough axis to the one that all views agree about."""
+MOST = 15
+"""Of a rough axis itself: as many as it is widths of the object long, no fewer than the way's."""
+ROUGH = 3
+"""Of an axis by what was clicked."""
 ROUNDS = 10
 TOLD, UNTOLD = np.radians(45.0), np.radians(120.0)
 """Gaps between contours around a section that tell, and do not tell, how it differs from a circle."""
@@ -92,12 +94,12 @@ def untold(sights: np.ndarray, spine: np.ndarray) -> np.ndarray:
 
 
 def common_axis(
-    rough: np.ndarray, cameras: Sequence[Camera], seen: Sequence[np.ndarray], slender: float = CLICKED
+    rough: np.ndarray, cameras: Sequence[Camera], seen: Sequence[np.ndarray], slender: float = DEGREE
 ) -> np.ndarray:
     """The axis in the world that lies, in each view, on the axis seen there, and ends where that ends.
 
-    Where it bends within a width of the object, rings would cross and the tube run away: it is a polynomial of as many
-    degrees as the object is widths long.
+    Clicks that are off by little put a zigzag of depth into the rough axis, in which rings would cross: where it bends
+    within a width of the object it is smoothed.
 
     Args:
         rough: rough axis, shape (n, 3).
@@ -123,24 +125,23 @@ def common_axis(
         ends.append(int(np.rint(np.average(vote[:, 0], weights=vote[:, 1] + 1e-9))))
     first, last = min(ends[0], ends[1] - 10), max(ends[1], ends[0] + 10)
     axis = axis_curve(long[max(first, 0) : last + 1])
-    own, degree = (int(np.clip(round(slender), 1, most)) for most in (OWN, DEGREE))
-    basis = np.polynomial.legendre.legvander(np.linspace(-1, 1, len(axis)), own)
+    basis = np.polynomial.legendre.legvander(np.linspace(-1, 1, len(axis)), int(np.clip(round(slender), DEGREE, MOST)))
     axis = basis @ np.linalg.lstsq(basis, axis, rcond=None)[0]
-    basis, degrees = basis[:, : degree + 1], np.arange(degree + 1.0)
-    ridge = RIDGE * len(axis) * np.kron(np.diag(np.where(degrees < 2, 0.0, degrees**4)), np.eye(3))
+    basis, degree = basis[:, : DEGREE + 1], np.arange(DEGREE + 1.0)
+    ridge = RIDGE * len(axis) * np.kron(np.diag(np.where(degree < 2, 0.0, degree**4)), np.eye(3))
     bend = np.linalg.lstsq(basis, axis, rcond=None)[0].ravel()
-    start, way = axis, np.zeros(3 * (degree + 1))
+    start, way = axis, np.zeros(3 * (DEGREE + 1))
     for _ in range(ROUNDS):
         slope = np.gradient(axis, axis=0)
         slope /= np.linalg.norm(slope, axis=1, keepdims=True)
         normal, right = ridge.copy(), -ridge @ (bend + way)
         for camera, line in zip(cameras, seen, strict=True):
             rows, gaps = _pull(camera, axis, line, np.sqrt(_aside(camera, axis, slope)), 1e-4 * length)
-            full = (rows[:, :, None, :] * basis[:, None, :, None]).reshape(-1, 3 * (degree + 1))
+            full = (rows[:, :, None, :] * basis[:, None, :, None]).reshape(-1, 3 * (DEGREE + 1))
             normal += full.T @ full
             right += full.T @ gaps.ravel()
         way = way + np.linalg.solve(normal, right)
-        axis = start + basis @ way.reshape(degree + 1, 3)
+        axis = start + basis @ way.reshape(DEGREE + 1, 3)
     return axis_curve(axis)
 
 

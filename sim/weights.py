@@ -28,7 +28,7 @@ class Weights:
     Attributes:
         materials: of each tube, as they are now.
         share: of the rigidities w2 and w02, which falls with sigma (continuation).
-        stubby: of each tube, how much more than that w02 is at the coarsest scale.
+        stiffer: of each tube, what w02 has more at the coarsest scale; it falls with the square of `share`.
         cuts: discontinuities of each tube and of each spine, lists over tubes.
         stale: whether a material was changed since the last `write`.
         told: whether the views tell each tube's depth, so that nothing need hold it.
@@ -44,7 +44,7 @@ class Weights:
         self.share, self.stale, self._timed = 1.0, True, self._any_timed()
         self.told = [model.views != 1] * len(materials)
         self.untold: list[float | np.ndarray] = [1.0] * len(materials)
-        self.stubby = [0.0] * len(materials)
+        self.stiffer = [0.0] * len(materials)
         self.cuts: list[list[Cut]] = [[] for _ in materials]
         self.spine_cuts: list[list[Cut]] = [[] for _ in materials]
         self._host: dict[str, np.ndarray] = {}
@@ -114,7 +114,7 @@ class Weights:
                     share[[at - 1, at + 2]] = 1.0
             for name in ("w10", "w20", "w11", "w01", "w02", "mu", "gamma"):
                 fresh[name][nodes] = (f[name] * (share if name == "w02" else 1.0)).reshape(-1)
-            fresh["w02"][nodes] += self.share**2 * self.stubby[k] * (fresh["w02"][nodes] > 0)
+            fresh["w02"][nodes] += self.share**2 * self.stiffer[k] * (fresh["w02"][nodes] > 0)
             for name in ("w1", "w2", "k1"):
                 fresh[name][rings] = f[name] * (spine_share if name == "w2" else 1.0)
             for name in ("mu", "gamma"):

@@ -146,6 +146,9 @@ def test_what_does_not_slow_down_goes_on_with_less_momentum(sample, monkeypatch)
         for part in (calm, plain):
             part.advance(40)
         np.testing.assert_array_equal(calm.scene.world(0)[0], plain.scene.world(0)[0])
+        assert calm.loop.solver.momentum == 0
+        calm.change(0, {"w2": 1e-5})  # an event rouses what was calmed
+        assert calm.loop.solver.momentum == 0.9
 
 
 def test_same_bits_twice(pear, sample):
