@@ -261,6 +261,7 @@ def _rounds(
     inside = core.astype(float) if before is None else before
     mine = core if before is None else _at_axis(before, look.line)
     centre, reach = look.line, np.full(len(look.line), np.inf)
+    unsure = np.minimum(RIM + 1, _inland(core.shape))
     for k in range(rounds):
         again = k > 0 or before is not None
         ratio = likelihood(look.cells, mine, look.known, look.x.shape[2])
@@ -268,7 +269,7 @@ def _rounds(
         depth = np.zeros(core.shape)
         if again:
             within, centre = ribbon(look.x, odds, centre)
-            depth = _depth(within) - _depth(~within)
+            depth = signed_depth(within, unsure)
             odds += SHAPE * np.clip(depth / RIM, -1, 1)
         prior = 1 / (1 + np.exp(-odds))
         # a click beside the object has put its seeds on the background's colours
@@ -309,6 +310,25 @@ def _depth(mask: np.ndarray, border: bool = True) -> np.ndarray:
     return np.asarray(ndimage.distance_transform_edt(np.pad(mask, 1)))[1:-1, 1:-1]
 
 
+def signed_depth(mask: np.ndarray, most: float | np.ndarray = np.inf) -> np.ndarray:
+    """Distance to the border of a mask [samples], above 0 within, at most so much; the picture's own border is none."""
+    depth = np.array(np.broadcast_to(-np.asarray(most, float), mask.shape))
+    rows, columns = (np.flatnonzero(mask.any(axis=i)) for i in (1, 0))
+    if len(rows):
+        wide = int(min(np.max(most), max(mask.shape))) + 1
+        part = tuple(slice(max(at[0] - wide, 0), at[-1] + wide + 1) for at in (rows, columns))
+        near, limit = mask[part], -depth[part]
+        inside, outside = ndimage.distance_transform_edt(near), ndimage.distance_transform_edt(~near)
+        depth[part] = limit if near.all() else np.clip(np.asarray(inside) - np.asarray(outside), -limit, limit)
+    return depth
+
+
+def _inland(shape: tuple[int, ...]) -> np.ndarray:
+    """Distance of each sample to the picture's border [samples]."""
+    rows, columns = (np.minimum(np.arange(n), np.arange(n)[::-1]) + 1.0 for n in shape)
+    return np.minimum(rows[:, None], columns)
+
+
 def _reach(mine: np.ndarray, line: np.ndarray, slack: float) -> np.ndarray:
     """How far from each point of the axis the object may reach [samples]; `slack` on top of `UNEVEN` times its width.
 
@@ -341,13 +361,17 @@ def _middle(mask: np.ndarray, line: np.ndarray) -> np.ndarray:
     """The axis [samples] moved to the middle of the object: means of what is nearest to each point, again and again."""
     points = np.argwhere(mask)[:, ::-1].astype(float)
     half = 2 * _depth(mask)[mask].mean()  # of a strip
+    ends = np.concatenate([points, line])  # no more need be looked at
+    first = np.clip(np.floor(ends.min(axis=0)).astype(int), 0, None)
+    mask = mask[first[1] : int(ends[:, 1].max()) + 2, first[0] : int(ends[:, 0].max()) + 2]
+    line, points = line - first, points - first
     for _ in range(MIDDLE):
         _, place = _from_axis(line, mask.shape)
         nearest = place[mask]
         sums = np.stack([np.bincount(nearest, w, len(line)) for w in (points[:, 0], points[:, 1], np.ones(len(points)))])
         sums = ndimage.gaussian_filter1d(sums, SMOOTH * half * len(line) / length_of(line), mode="constant") + 1e-9
         line = axis_curve(np.where(sums[2] > FAINT, sums[:2] / sums[2], line.T).T, len(line))  # far from the object it stays
-    return line
+    return line + first
 
 
 def carried_on(mask: np.ndarray, line: np.ndarray, length: float, half_width: float) -> np.ndarray:

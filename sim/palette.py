@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import ndimage
 
-from .foreground import BINS, FINE, FINEST, ROUND, SHAPE, Foreground, histogram
+from .foreground import BINS, FINE, FINEST, ROUND, SHAPE, Foreground, histogram, signed_depth
 from .problem import View
 from .sampling import colours, resample, tinted
 from .surface import silhouette
@@ -109,10 +109,3 @@ def _known(view: View, origin: np.ndarray, step: float, shape: tuple[int, int]) 
     if view.ignore is None:
         return np.ones(shape, bool)
     return resample((~view.ignore).astype(np.float32), origin, step, shape) > 0.5
-
-
-def signed_depth(mask: np.ndarray) -> np.ndarray:
-    """Distance to the border of a mask [samples], above 0 within; the picture's own border is none."""
-    if mask.all() or not mask.any():
-        return np.full(mask.shape, np.inf if mask.all() else -np.inf)
-    return np.asarray(ndimage.distance_transform_edt(mask)) - np.asarray(ndimage.distance_transform_edt(~mask))

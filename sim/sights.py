@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.spatial import KDTree
 
 from .camera import Camera
 from .foreground import axis_curve
@@ -130,12 +131,12 @@ def common_axis(
     basis, degree = basis[:, : DEGREE + 1], np.arange(DEGREE + 1.0)
     ridge = RIDGE * len(axis) * np.kron(np.diag(np.where(degree < 2, 0.0, degree**4)), np.eye(3))
     bend = np.linalg.lstsq(basis, axis, rcond=None)[0].ravel()
-    start, way = axis, np.zeros(3 * (DEGREE + 1))
+    start, way, lines = axis, np.zeros(3 * (DEGREE + 1)), [KDTree(line) for line in seen]
     for _ in range(ROUNDS):
         slope = np.gradient(axis, axis=0)
         slope /= np.linalg.norm(slope, axis=1, keepdims=True)
         normal, right = ridge.copy(), -ridge @ (bend + way)
-        for camera, line in zip(cameras, seen, strict=True):
+        for camera, line in zip(cameras, lines, strict=True):
             rows, gaps = _pull(camera, axis, line, np.sqrt(_aside(camera, axis, slope)), 1e-4 * length)
             full = (rows[:, :, None, :] * basis[:, None, :, None]).reshape(-1, 3 * (DEGREE + 1))
             normal += full.T @ full
@@ -150,14 +151,12 @@ def _aside(camera: Camera, points: np.ndarray, slope: np.ndarray) -> np.ndarray:
     return 1 - (camera.sight(points) * slope).sum(axis=1) ** 2
 
 
-def _pull(
-    camera: Camera, axis: np.ndarray, line: np.ndarray, weight: np.ndarray, step: float
-) -> tuple[np.ndarray, np.ndarray]:
+def _pull(camera: Camera, axis: np.ndarray, seen: KDTree, weight: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
     """Linear equations that bring an axis onto the one seen: rows (n, 2, 3), right sides (n, 2), in world lengths."""
     p = camera.project(axis)
     jacobian = np.stack([camera.project(axis + step * e) - p for e in np.eye(3)], axis=2) / step
     pixel = 1 / np.linalg.norm(jacobian, axis=(1, 2))
-    at = ((line[:, None] - p) ** 2).sum(-1).argmin(axis=0)
+    line, at = np.asarray(seen.data), np.asarray(seen.query(p)[1])
     at[[0, -1]] = 0, len(line) - 1
     along = np.gradient(line, axis=0)[at]
     along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)

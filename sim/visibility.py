@@ -173,6 +173,11 @@ class Visibility:
             # a length at the tube's distance, as depth is measured
             unit = 1.0 if camera.affine else own[..., 2].mean() ** 2
             margins.append(AHEAD * unit * np.linalg.norm(np.diff(centre, axis=0), axis=1).sum())
+        if len(tubes) == 1:
+            if self._as_drawn(v, 0, (0,), flat[0], margins[0]):
+                return {}
+            self._drawn[v, 0] = (0,), flat[0]
+            return {0: (_with_own(None, flat[0], shape), np.zeros((0, 2)))}
         boxes = np.array([[f[..., :2].min((0, 1)) - ROOM, f[..., :2].max((0, 1)) + ROOM] for f in flat])
         meets = np.ones((len(boxes), len(boxes)), bool)
         for first, last in boxes.transpose(2, 1, 0):

@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from symseek.sim.assembly import Assembly, maps_of
 from symseek.sim.camera import Camera
-from symseek.sim.foreground import axis_curve, foreground, length_of
+from symseek.sim.foreground import axis_curve, foreground, length_of, signed_depth
 from symseek.sim.problem import Settings, Tube, View
 
 SHAPE, CENTRE, HALF = (200, 240), np.array([120.0, 100.0]), np.array([80.0, 32.0])
@@ -146,3 +147,18 @@ def test_axis_curve_is_smooth_and_even():
     np.testing.assert_allclose(steps, steps.mean(), rtol=1e-3)
     np.testing.assert_allclose(np.linalg.norm(curve, axis=1), 50, rtol=2e-3)
     np.testing.assert_allclose(axis_curve(points[[0, -1]])[[0, -1]], points[[0, -1]])
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_signed_depth_is_what_every_pixel_says(seed):
+    rng = np.random.default_rng(seed)
+    mask = ndimage.gaussian_filter(rng.standard_normal((30, 22)), 3) > (0.08, 0.0, -0.05)[seed % 3]
+    own, other = np.argwhere(mask), np.argwhere(~mask)
+    grid = np.moveaxis(np.indices(mask.shape), 0, -1)
+    away = [np.linalg.norm(grid[:, :, None] - lot, axis=-1).min(axis=2) for lot in (other, own)]
+    want = np.where(mask, *(away[0], -away[1]))
+    most = rng.uniform(1, 6, mask.shape)
+    assert np.allclose(signed_depth(mask), want)
+    assert np.allclose(signed_depth(mask, most), np.clip(want, -most, most))
+    assert np.array_equal(signed_depth(np.zeros((3, 4), bool), 2.0), np.full((3, 4), -2.0))
+    assert np.array_equal(signed_depth(np.ones((3, 4), bool), 2.0), np.full((3, 4), 2.0))
