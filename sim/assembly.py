@@ -26,7 +26,7 @@ from .spring import Held, Springs
 
 LINE_LOAD = 0.04
 """Stiffness of the contour: force a displacement for each unit of contour length and of s."""
-SQUAT, STIFF = 2.0, 1e-7
+SQUAT, STIFF = 2.0, 1e-6
 """Widths of a tube's length below which, in several views, it begins stiffer, by so much w02 times the fourth power of that,
 less one: its end rings, so close together, would grow past the object and fold over the poles that are still inside it."""
 

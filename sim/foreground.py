@@ -375,7 +375,7 @@ def _middle(mask: np.ndarray, line: np.ndarray) -> np.ndarray:
 
 
 def carried_on(mask: np.ndarray, line: np.ndarray, length: float, half_width: float) -> np.ndarray:
-    """The axis [samples] with both ends carried on straight while they stay on the object, by half of `length` at most.
+    """The axis [samples] with both ends carried on straight while they stay on the object, by `length` at most.
 
     Where it leaves the image on the object, it goes on by `PAST` half widths [samples].
     """
@@ -383,7 +383,7 @@ def carried_on(mask: np.ndarray, line: np.ndarray, length: float, half_width: fl
     quarter = len(line) // 4
     for end, inner in ((0, quarter), (-1, -1 - quarter)):
         e = line[end] - line[inner]
-        run = line[end] + np.arange(1, len(line) // 2)[:, None] * (e / np.linalg.norm(e)) * (length / len(line))
+        run = line[end] + np.arange(1, len(line))[:, None] * (e / np.linalg.norm(e)) * (length / len(line))
         on = ndimage.map_coordinates(mask.astype(float), run.T[::-1], order=1, mode="constant") > 0.5
         steps = len(on) if on.all() else int(np.argmin(on))
         if steps < len(on) and ((run[steps] < 0) | (run[steps] > np.array(mask.shape[::-1]) - 1)).any():

@@ -12,6 +12,7 @@ from .beyond import unseen
 from .foreground import Foreground, axis_curve, carried_on, foreground
 from .hidden import window
 from .problem import View
+from .whole import whole
 
 OFF = 1.2
 """Another object's axis is surely not this one beyond so many half widths from its own."""
@@ -57,6 +58,8 @@ def foregrounds(
         near[k] = False
         beside: list[int] = np.flatnonzero(near).tolist()
         if not beside:
+            if masks[k] is None:
+                maps[k] = whole(view.image, axes[k], maps[k], marks[k])
             continue
         ahead = [j for j in beside if depths[j] < depths[k]]
         for j in ahead:
