@@ -45,6 +45,8 @@ FINE, FINEST, FINER = 16.0, 0.8, 1.2
 """Samples for a thin object's half width; least step [image px]; least gain in step that is worth a second look."""
 AROUND, THIN_CORE, THIN_SLACK, THIN_ROUNDS = 3.0, 0.2, 0.3, 2
 """Of the second look, in half widths: background beyond; surely object within; slack of `UNEVEN`. Rounds."""
+BROAD, LONGER = .33, 1.1
+"""Half width, in lengths of the axis, of what may be cut by `FAR`; it is looked at anew if its own axis is so much longer."""
 MARK = 0.02
 """Radius of a mark, in lengths of the axis."""
 BINS = {1: 32, 3: 16}
@@ -169,6 +171,8 @@ def foreground(
     core = look.off <= max(CORE * AXIS, 1.0)
     far = (look.off > FAR * AXIS) | look.near(marks, MARK * length) | look.along(others, max(CORE * AXIS, 1.0))
     found = look.found(_rounds(look, core, far, SLACK * AXIS, ROUNDS, decide), length)
+    if found.half_width > BROAD * length and length_of(found.axis) > LONGER * length:
+        return foreground(image, found.axis, ignore, not_here, others)
     half, step = found.half_width, max(found.half_width / FINE, FINEST)
     if step > look.step / FINER:
         return found
