@@ -26,7 +26,7 @@ from .spring import Held, Springs
 
 LINE_LOAD = 0.04
 """Stiffness of the contour: force a displacement for each unit of contour length and of s."""
-SQUAT, STIFF = 2.0, 1e-6
+SQUAT, STIFF = 2.6, 3e-6
 """Widths of a tube's length below which, in several views, it begins stiffer, by so much w02 times the fourth power of that,
 less one: its end rings, so close together, would grow past the object and fold over the poles that are still inside it."""
 
@@ -117,7 +117,8 @@ class Assembly(Fabric):
             breaks = [replace(b, at=self._share(b.at, carried, tube.grid[1])) for b in tube.breaks]
             self.weights.breaks[k] = breaks
             if len(self.views) > 1:
-                self.weights.stiffer[k] = STIFF * (max(1.0, SQUAT / self.slender(k)) ** 4 - 1)
+                slender = length_of(carried) / (4 * self._radius(k))
+                self.weights.stiffer[k] = STIFF * (max(1.0, SQUAT / slender) ** 4 - 1)
             radius = tube.radius or self._radius(k)
             axis, where = (carried - self.origin) / self.unit, marks(breaks, tube.grid[1])
             nodes, spine = initial_tube(axis, radius / self.unit, tube.grid, tube.material.closed, where)

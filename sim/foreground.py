@@ -45,7 +45,7 @@ FINE, FINEST, FINER = 16.0, 0.8, 1.2
 """Samples for a thin object's half width; least step [image px]; least gain in step that is worth a second look."""
 AROUND, THIN_CORE, THIN_SLACK, THIN_ROUNDS = 3.0, 0.2, 0.3, 2
 """Of the second look, in half widths: background beyond; surely object within; slack of `UNEVEN`. Rounds."""
-BROAD, LONGER = .33, 1.1
+BROAD, LONGER = 0.33, 1.1
 """Half width, in lengths of the axis, of what may be cut by `FAR`; it is looked at anew if its own axis is so much longer."""
 MARK = 0.02
 """Radius of a mark, in lengths of the axis."""
