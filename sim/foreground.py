@@ -46,7 +46,7 @@ FINE, FINEST, FINER = 16.0, 0.8, 1.2
 AROUND, THIN_CORE, THIN_SLACK, THIN_ROUNDS = 3.0, 0.2, 0.3, 2
 """Of the second look, in half widths: background beyond; surely object within; slack of `UNEVEN`. Rounds."""
 BROAD, LONGER = 0.33, 1.1
-"""Half width, in lengths of the axis, of what may be cut by `FAR`; it is looked at anew if its own axis is so much longer."""
+"""Half width, in lengths of the axis, of what `FAR` may have cut; looked at anew if its own axis is so much longer."""
 MARK = 0.02
 """Radius of a mark, in lengths of the axis."""
 BINS = {1: 32, 3: 16}
