@@ -13,7 +13,7 @@ import json
 import sys
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -58,9 +58,13 @@ class Case:
 
     seed: int
     look: dict[str, Any] = field(default_factory=dict)
+    drawn: float = 1.0
+    """How far the clicks are drawn together."""
 
     def sample(self) -> Sample:
-        return make(self.seed, **self.look)
+        sample = make(self.seed, **self.look)
+        middle = sample.clicks.mean(axis=0)
+        return replace(sample, clicks=middle + self.drawn * (sample.clicks - middle))
 
 
 @dataclass(frozen=True)
@@ -134,6 +138,7 @@ def lots(seeds: Seeds, quick: bool) -> list[Lot]:
         "clicks off by 10 px": {"click_error": 10.0},
     }.items():
         out.append(Lot(title, [Case(s, look) for s in varied], STRONG))
+    out.append(Lot("clicks drawn together to half", [Case(s, drawn=0.5) for s in varied], STRONG))
     level = [s for s in varied if KINDS[s % len(KINDS)] != "tilted"]
     for amount in (0.03, 0.05):
         cases = [Case(s, {"out_of_round": amount}) for s in level]
