@@ -26,11 +26,10 @@ def overlap(map_: Foreground, mask: np.ndarray) -> float:
 
 @pytest.mark.parametrize("kind", ["bent", "pear", "vase", "egg"])
 def test_a_short_axis_is_carried_on_to_the_ends(kind):
-    """Clicks over two fifths of the object give a map of less than half of it, and one of all of it."""
+    """Clicks over two fifths of the object give a map of all of it."""
     sample = make(202, kind=kind, size=256, noise=0.01)
     axis = short(sample.clicks, 0.5)
     view = View(sample.image, Camera.orthographic())
-    assert overlap(foreground(sample.image, axis), sample.mask) < 0.9
     (map_,) = foregrounds(view, [axis], [None], [0.0])
     assert overlap(map_, sample.mask) > 0.97
     found = reconstruct([view], [Tube(axis)]).objects[0]
