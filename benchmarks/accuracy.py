@@ -59,7 +59,7 @@ class Case:
     seed: int
     look: dict[str, Any] = field(default_factory=dict)
     drawn: float = 1.0
-    """How far the clicks are drawn together."""
+    """Share of their distances from their middle to which the clicks are drawn together."""
 
     def sample(self) -> Sample:
         sample = make(self.seed, **self.look)

@@ -144,7 +144,7 @@ class Assembly(Fabric):
         return float(np.mean([0.5 * m.half_width * self._pixel(k, v) for v, m in enumerate(self.maps[k])]))
 
     def slender(self, k: int) -> float:
-        """Length of tube k's rough axis in widths of the maps' object."""
+        """Length of the axis on which tube k's maps were made, in widths of their object."""
         return max(m.length / (2 * m.half_width) for m in self.maps[k])
 
     def _look(self) -> None:

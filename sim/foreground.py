@@ -64,7 +64,7 @@ class Foreground:
     origin: tuple[float, float]
     """image point (column, row) of sample (0, 0)."""
     length: float
-    """of the rough axis [image px]."""
+    """of the axis on which it was made, the rough one or what that was carried on to [image px]."""
     half_width: float
     """median inside distance along the axis [image px]."""
     axis: np.ndarray
@@ -161,7 +161,7 @@ def foreground(
 
     Returns:
         The map on a crop round the axis, at `AXIS` samples for the axis' length; at `FINE` samples for the half width
-        of a thin object.
+        of a thin object; of a broad one, for the length of its own axis.
     """
     curve = axis_curve(axis)
     length = length_of(curve)
@@ -315,7 +315,10 @@ def _depth(mask: np.ndarray, border: bool = True) -> np.ndarray:
 
 
 def signed_depth(mask: np.ndarray, most: float | np.ndarray = np.inf) -> np.ndarray:
-    """Distance to the border of a mask [samples], above 0 within, at most so much; the picture's own border is none."""
+    """Distance to the border of a mask (h, w) [samples], above 0 within, at most so much, a number or (h, w); shape (h, w).
+
+    The picture's own border is none.
+    """
     depth = np.array(np.broadcast_to(-np.asarray(most, float), mask.shape))
     rows, columns = (np.flatnonzero(mask.any(axis=i)) for i in (1, 0))
     if len(rows):

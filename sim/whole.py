@@ -11,7 +11,7 @@ from .sampling import seen_colours
 PAST, SURELY = (3.0, 12.0), 0.5
 """From where to where past an end of the map's object it is asked whether it goes on there [lengths of the axis / `AXIS`]:
 when of what lies there more than this share has the object's colours."""
-ROUND, LEAK = (2.0, 5.0), 0.15
+BESIDE, LEAK = (2.0, 5.0), 0.15
 """The same all round the object, and the share at which its outline is no outline."""
 FURTHER, TIMES = 0.25, 6
 """By how much of its length the axis is carried on at an end that goes on; how often at most."""
@@ -30,6 +30,9 @@ def whole(image: np.ndarray, axis: np.ndarray, found: Foreground, not_here: np.n
         axis: the rough axis, shape (n, 2), image points.
         found: its map.
         not_here: as of `foreground`.
+
+    Returns:
+        `found` itself where the axis stays as drawn.
     """
     first = found
     for _ in range(TIMES):
@@ -40,8 +43,8 @@ def whole(image: np.ndarray, axis: np.ndarray, found: Foreground, not_here: np.n
     if found is first:
         return first
     found = foreground(image, _on(found), not_here=not_here)
-    ends, round_it = _goes_on(image, found)
-    return first if any(ends) or round_it > LEAK or not _even(found, axis) else found
+    ends, beside = _goes_on(image, found)
+    return first if any(ends) or beside > LEAK or not _even(found, axis) else found
 
 
 def _goes_on(image: np.ndarray, map_: Foreground) -> tuple[list[bool], float]:
@@ -57,7 +60,7 @@ def _goes_on(image: np.ndarray, map_: Foreground) -> tuple[list[bool], float]:
         at = np.rint(line[end] + unit * np.arange(*PAST)[:, None] * way).astype(int)
         inside = np.all((at >= 0) & (at < shape[::-1]), axis=1)
         ends.append(bool(its[at[inside, 1], at[inside, 0]].sum() > SURELY * len(at)))
-    beside = its[(away > ROUND[0]) & (away <= ROUND[1])]
+    beside = its[(away > BESIDE[0]) & (away <= BESIDE[1])]
     return ends, float(beside.mean()) if len(beside) else 0.0
 
 

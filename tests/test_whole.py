@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks import truth
+from benchmarks.accuracy import Case
 from symseek.scenes.synthetic import make
 from symseek.sim.camera import Camera
 from symseek.sim.foreground import Foreground, foreground
@@ -13,10 +14,6 @@ from symseek.sim.neighbours import foregrounds
 from symseek.sim.problem import Tube, View
 from symseek.sim.reconstruct import reconstruct
 from symseek.sim.whole import whole
-
-
-def short(clicks: np.ndarray, share: float) -> np.ndarray:
-    return clicks.mean(axis=0) + share * (clicks - clicks.mean(axis=0))
 
 
 def overlap(map_: Foreground, mask: np.ndarray) -> float:
@@ -27,12 +24,11 @@ def overlap(map_: Foreground, mask: np.ndarray) -> float:
 @pytest.mark.parametrize("kind", ["bent", "pear", "vase", "egg"])
 def test_a_short_axis_is_carried_on_to_the_ends(kind):
     """Clicks over two fifths of the object give a map of all of it."""
-    sample = make(202, kind=kind, size=256, noise=0.01)
-    axis = short(sample.clicks, 0.5)
+    sample = Case(202, {"kind": kind, "size": 256, "noise": 0.01}, drawn=0.5).sample()
     view = View(sample.image, Camera.orthographic())
-    (map_,) = foregrounds(view, [axis], [None], [0.0])
+    (map_,) = foregrounds(view, [sample.clicks], [None], [0.0])
     assert overlap(map_, sample.mask) > 0.97
-    found = reconstruct([view], [Tube(axis)]).objects[0]
+    found = reconstruct([view], [Tube(sample.clicks)]).objects[0]
     assert found.trusted
     assert truth.compare(found.vertices, found.faces, sample).iou > 0.98
 
