@@ -44,6 +44,8 @@ LOST = 1.0
 """Residual force at which the solver has diverged [initial spine lengths]."""
 LEAST_SHARE = 0.01
 """Least share of the rigidities that the finest scale keeps."""
+ENOUGH = 12
+"""Iterations that a scale needs to be worth it: of fewer in all, the coarsest scales are left out."""
 SNAPSHOTS = 90
 """About how many states a run remembers."""
 
@@ -79,7 +81,8 @@ class Relaxation:
         self._sigmas = [
             [[x[max(0, len(x) - self.stages + stage)] for x in row] for row in lists] for stage in range(self.stages)
         ]
-        self.stage, self.sigma, self.iteration, self.residual = 0, self._sigmas[0][0][0], 0, float("inf")
+        first = max(0, self.stages - max(1, scene.settings.iterations // ENOUGH))
+        self.stage, self.sigma, self.iteration, self.residual = first, self._sigmas[first][0][0], 0, float("inf")
         self.done, self.converged, self.diverged = False, False, False
         self.history: list[list] = [[] for _ in scene.tubes]
         self._snapshot_every = CHECK * max(1, scene.settings.iterations // (10 * SNAPSHOTS * CHECK))
@@ -87,7 +90,7 @@ class Relaxation:
         self._drawn = drawn
         self.potentials: list[list[Potential]] = []
         self.waited = 0.0
-        self._ahead = [self._made(stage) for stage in range(min(ahead, self.stages))]
+        self._ahead = [self._made(stage) for stage in range(first, min(first + ahead, self.stages))]
         with HOST:
             scene.set_material(1.0)
             self.loop = Loop(scene, careful=False)

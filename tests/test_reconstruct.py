@@ -127,6 +127,20 @@ def test_a_long_run_remembers_few_states_evenly_spread(sample):
     assert set(np.diff(when)) == {when[1]} and far <= when[1] <= 2 * far
 
 
+@pytest.mark.parametrize(("iterations", "scales"), [(60, [8.0, 4.0, 2.0, 1.0]), (40, [4.0, 2.0, 1.0]), (10, [1.0])])
+def test_few_iterations_leave_coarse_scales_out(sample, iterations, scales):
+    """Each scale then has its share, and a tube begins softer than at the coarsest."""
+    passed = []
+    with ThreadPoolExecutor(1) as pool:
+        part = _part(sample, pool, iterations=iterations, sigmas=(8.0, 4.0, 2.0, 1.0))
+        while not part.done:
+            part.advance(1)
+            passed.append((part.sigma, part.scene.weights.share))
+    assert len(passed) == iterations and list(dict.fromkeys(sigma for sigma, _ in passed)) == scales
+    counts = np.bincount([scales.index(sigma) for sigma, _ in passed])
+    assert np.ptp(counts) <= 1 and passed[0][1] == pytest.approx(max(0.01, (scales[0] / 8) ** 2) if scales[1:] else 0.01)
+
+
 def test_what_does_not_slow_down_goes_on_with_less_momentum(sample, monkeypatch):
     """And only that; what creeps leaps as well. With none left it goes as if none had been asked for."""
     with ThreadPoolExecutor(1) as pool:
