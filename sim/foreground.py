@@ -37,10 +37,8 @@ MIDDLE, SMOOTH, FAINT = 5, 1.0, 1e-6
 """Rounds in which the axis goes to the object's middle; smoothing along it, in half widths; samples of it that count."""
 PAST = 1.5
 """How far past the image's border the axis is carried on, in half widths: there is room for the tube's end."""
-ROUND = 0.4
-"""Smoothing of the map when it is done [samples]."""
-CLEAR = 1.0
-"""Log likelihood ratio of colours that are the object's wherever they are."""
+ROUND, CLEAR = 0.4, 1.0
+"""Smoothing of the map when it is done [samples]; log likelihood ratio of what is the object's wherever it is."""
 FINE, FINEST, FINER = 16.0, 0.8, 1.2
 """Samples for a thin object's half width; least step [image px]; least gain in step that is worth a second look."""
 AROUND, THIN_CORE, THIN_SLACK, THIN_ROUNDS = 3.0, 0.2, 0.3, 2
@@ -71,6 +69,8 @@ class Foreground:
     """the smooth axis, carried on straight to the object's ends or past the image's border, shape (n, 2), image points."""
     guess: np.ndarray | None = None
     """1 where neither side of the object is seen, so that there is no better word than the map's, shape (h, w); else 0."""
+    behind: np.ndarray | None = None
+    """1 where another object lies behind, whose colours the map tells less well from its own, shape (h, w); else 0."""
 
     @property
     def box(self) -> np.ndarray:

@@ -20,6 +20,8 @@ CLEAR = 0.5
 """How far from what is hidden the map's axis is the object's middle, in half widths."""
 LEAST = 0.3
 """Least half width of what is hidden beside where it was seen last."""
+CLOSE = 0.2
+"""How near to what lies behind an outline is taken to lie over it, in half widths."""
 RIM = 1.0
 """How far beyond the outline of what lies in front colours are not looked at [image px]."""
 
@@ -75,10 +77,19 @@ def foregrounds(
         maps[k] = foreground(view.image, axes[k], wide if masked else None, marks[k], others)
         if masked:
             maps[k] = completed(maps[k], curves[k], hides if mask is None else hides | mask)
+        if behind := [j for j in beside if depths[j] > depths[k]]:
+            maps[k] = _before(maps[k], [maps[j] for j in behind])
         for j in ahead:
             part = covers[j][0]
             hides[part] = ignore[part] = none[part]
     return maps
+
+
+def _before(map_: Foreground, others: Sequence[Foreground]) -> Foreground:
+    """A map that knows where the others, which lie behind, are, or are near."""
+    seen = np.max([other.in_image(map_.inside.shape, map_.origin, map_.step) for other in others], axis=0)
+    behind = ndimage.grey_dilation(seen, 2 * round(CLOSE * map_.half_width / map_.step) + 1)
+    return dataclasses.replace(map_, behind=behind.astype(np.float32))
 
 
 def _cover(map_: Foreground, size: tuple[int, ...]) -> tuple[tuple[slice, slice], np.ndarray, np.ndarray]:

@@ -168,9 +168,10 @@ class ScaleSpace:
             self.image, self.inside = quick[here], map_.inside[here]
             self.shape = self.inside.shape
         else:
-            self.image, self.inside = self._sampled(view.image), self._map_at_step()
+            self.image, self.inside = self._sampled(view.image), self._at_step(map_.inside)
         if settings.potential == "brightness":
             self.image = self.image[..., :1]
+        self.behind = 0.0 if map_.behind is None else self._at_step(map_.behind)
         self._outlines: dict[float, np.ndarray] = {}
         if known is not None and self.image.shape[2] > 1:
             self.image = fewer(self.image, self._gate(1.0))
@@ -195,6 +196,7 @@ class ScaleSpace:
         half.image, half.inside = (resample(v, np.zeros(2), 2.0, half.shape) for v in (self.image, self.inside))
         if self.known is not None:
             half.known = resample(self.known, np.zeros(2), 2.0, half.shape)
+        half.behind = 0.0  # of the finest scale alone
         return half
 
     @cached_property
@@ -233,9 +235,10 @@ class ScaleSpace:
         whole = np.floor(origin) if self.step == 1 else origin
         return whole, extent + origin - whole
 
-    def _map_at_step(self) -> np.ndarray:
+    def _at_step(self, values: np.ndarray) -> np.ndarray:
+        """What the map's samples hold, at these."""
         m = self.map
-        return resample(m.inside, (self.origin - m.origin) / m.step, self.step / m.step, self.shape, smooth=False)
+        return resample(values, (self.origin - m.origin) / m.step, self.step / m.step, self.shape, smooth=False)
 
     def _outline(self, sigma: float) -> np.ndarray:
         """The map smoothed by sigma [samples]; asked for again and again."""
@@ -303,8 +306,9 @@ class ScaleSpace:
             # per image px, as (11) says; one factor a scale, as if in beta
             unit = math.sqrt(2 * math.pi) * sigma**3
             return self._potential(sigma, [*(slope * unit / self.step**2), nothing, nothing], p)
-        pull = self._pull(s, p, slope)
         thin = 0.0 if sure is None else self._thin(s)
+        sharp = self.behind if finest else 0.0
+        pull = self._pull(s, p, slope, sharp)
         if finest and sure is not None:
             pull -= (1 - thin) * self._limb(s, weight, p, pull)
         pull *= np.minimum(1.0, RANGE * s / np.maximum(_size(pull), 1e-12)) * self.step
@@ -312,15 +316,21 @@ class ScaleSpace:
             return self._potential(sigma, [*pull, nothing, nothing], p)
         # in a tip either side's edge also draws the other side's contour: there the map must speak up
         loud = self._floor(p) * (1 + (LOUDER / FLOOR - 1) * thin)
-        silent = loud / (p + loud)
+        silent = 1 - self._clear(p, loud, (1 - thin) * sharp)
         if finest:  # or the map, which is not so fine, would lead plain edges astray a little
             silent = np.maximum(silent - self.plain, 0) / (1 - self.plain)
         unsaid = self._pressure(sigma, sure) * (1 + (FURTHER - 1) * thin) * silent
         return self._potential(sigma, [*pull, unsaid, self._pole(sigma, sure)], p)
 
-    def _pull(self, s: float, p: np.ndarray, slope: np.ndarray) -> np.ndarray:
-        """Way to the edge [samples], shape (2, h, w)."""
-        return slope * (self._blur(s) ** 2 / (p + self._floor(p)))
+    def _pull(self, s: float, p: np.ndarray, slope: np.ndarray, sharp: np.ndarray | float) -> np.ndarray:
+        """Way to the edge [samples], shape (2, h, w), shorter where it is faint, see `_clear`."""
+        return slope * (self._blur(s) ** 2 / (p + 1e-12) * self._clear(p, self._floor(p), sharp))
+
+    @staticmethod
+    def _clear(p: np.ndarray, floor: np.ndarray | float, sharp: np.ndarray | float) -> np.ndarray:
+        """How far an edge counts, 1/2 at the floor; `sharp` from 0 to 1: how much sooner it is all or nothing."""
+        over = p / floor
+        return 1 - 1 / (1 + over * (1 + sharp * (over - 1)))
 
     def _limb(self, s: float, weight: np.ndarray | float, p: np.ndarray, pull: np.ndarray) -> np.ndarray:
         """What shading adds to the pull [samples], shape (2, h, w), from how it changes when the blur is doubled.
@@ -332,7 +342,7 @@ class ScaleSpace:
         blur, two = self._blur(s), math.sqrt(2)
         wide = math.sqrt(s**2 + 3 * blur**2)
         p_wide, slope = self._edges(wide, weight)
-        change = self._pull(wide, p_wide, slope) - pull
+        change = self._pull(wide, p_wide, slope, self.behind) - pull
         size = _size(change) + 1e-12
         d = np.clip(size / (blur * LIMB), 0, 1)
         b = 2 * two - 1 - (1 + two) * d

@@ -59,6 +59,19 @@ def test_front_map_leaves_what_is_behind_and_back_map_goes_on(life):
     assert truth.overlap(back & ~clear, (life.back.coverage > 0.5) & ~clear) > 0.5
 
 
+def test_a_front_map_knows_what_lies_behind(life):
+    """Where that is or nearly is, seen or covered; one of the same depth has nothing behind it, nor has the last."""
+    view, axes, marks = View(life.image), [life.front.clicks, life.back.clicks], [None, None]
+    front, back = foregrounds(view, axes, marks, [0.0, 1.0])
+    assert back.behind is None and all(m.behind is None for m in foregrounds(view, axes, marks, [0.0, 0.0]))
+    assert front.behind is not None
+    on = np.argwhere(np.abs(front.inside - 0.5) < 0.2)
+    column, row = (on[:, ::-1] * front.step + front.origin).astype(int).T
+    off = np.asarray(ndimage.distance_transform_edt(life.back.coverage < 0.5))[row, column] / front.half_width
+    told = front.behind[tuple(on.T)] > 0.5
+    assert told[off == 0].all() and (off == 0).any() and not told[off > 0.4].any() and (off > 0.4).sum() > 20
+
+
 def test_same_colour_is_parted_by_the_axes():
     """A cross of one grey: each bar's map, told of the other's axis, is that bar; alone, a map takes both."""
     rows, columns = np.mgrid[:200, :200]

@@ -10,12 +10,12 @@ from symseek.sim.problem import Settings, View
 from tests import reference
 
 
-def _space(image, half_width, inside=None, ignore=None, **settings):
+def _space(image, half_width, inside=None, ignore=None, behind=None, **settings):
     """A scale space of the whole image, with a map given on the same pixels."""
     h, w = image.shape
     inside = np.full((h, w), 0.5, np.float32) if inside is None else inside
     axis = np.array([[0.0, h / 2], [w - 1, h / 2]])
-    map_ = Foreground(inside=inside, step=1.0, origin=(0.0, 0.0), length=float(w), half_width=half_width, axis=axis)
+    map_ = Foreground(inside, 1.0, (0.0, 0.0), float(w), half_width, axis, behind=behind)
     view = View(image.astype(np.float32), ignore=ignore)
     return ScaleSpace(view, Camera.orthographic(), map_, Settings(**settings))
 
@@ -88,6 +88,20 @@ def test_the_finest_pull_is_to_where_the_object_ends(ramp):
     plain, finest = np.mean(off, axis=0)
     assert np.sign(np.round(plain, 2)) == np.sign(ramp)
     assert abs(finest) < max(0.15 * abs(plain), 0.01)
+
+
+def test_before_another_object_an_edge_is_believed_sooner_than_the_map():
+    """Of x floors, by x / (1 + x) of the way and 1 / (1 + x) of the map's word; before what lies behind by x^2 for x."""
+    image = _step_image((120, 120), 60, 0.5, 0.4)
+    image[:60] = _step_image((60, 120), 60, 1.0, 0.0)
+    inside = np.tile(np.arange(120) < 61, (120, 1)).astype(np.float32)
+    behind = np.tile(np.arange(120)[:, None] > 60, (1, 120)).astype(np.float32)
+    spaces = [_space(image, 32.0, inside, behind=b) for b in (None, behind)]
+    for row, floors, told in ((30, 1 / FLOOR, False), (90, 0.1 / FLOOR, True)):
+        alone, before = ([space.at(1.0, finest).samples[row, 60] for finest in (False, True)] for space in spaces)
+        np.testing.assert_array_equal(before[0], alone[0])  # the finest scale alone
+        change = (1 + floors) / (1 + floors**2) if told else 1.0
+        assert before[1][2] / alone[1][2] == pytest.approx(change, rel=0.05 if told else 1e-6)
 
 
 def _zero(row, near):
