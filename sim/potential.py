@@ -25,6 +25,8 @@ FLOOR = 0.03
 """Share of the strongest edge below which an edge pulls less and less."""
 PLAIN = 0.06
 """`ScaleSpace.plain` of outlines; a tube's flank beside what hides the rest needs all of the map's word."""
+OVER = 0.12
+"""The same over what lies behind, of whose colours the map is less sure: beside a faint edge half of its word is left."""
 THIN, THICK = 4.0, 6.0
 """Depth of the map's object, in sigmas, below which its two edges disturb each other, and above which they do not."""
 LOUDER, FURTHER = 0.1, 2.0
@@ -196,7 +198,7 @@ class ScaleSpace:
         half.image, half.inside = (resample(v, np.zeros(2), 2.0, half.shape) for v in (self.image, self.inside))
         if self.known is not None:
             half.known = resample(self.known, np.zeros(2), 2.0, half.shape)
-        half.behind = 0.0  # of the finest scale alone
+        half.behind = 0.0  # a finest scale so wide is somebody's own
         return half
 
     @cached_property
@@ -306,9 +308,8 @@ class ScaleSpace:
             # per image px, as (11) says; one factor a scale, as if in beta
             unit = math.sqrt(2 * math.pi) * sigma**3
             return self._potential(sigma, [*(slope * unit / self.step**2), nothing, nothing], p)
+        pull = self._pull(s, p, slope)
         thin = 0.0 if sure is None else self._thin(s)
-        sharp = self.behind if finest else 0.0
-        pull = self._pull(s, p, slope, sharp)
         if finest and sure is not None:
             pull -= (1 - thin) * self._limb(s, weight, p, pull)
         pull *= np.minimum(1.0, RANGE * s / np.maximum(_size(pull), 1e-12)) * self.step
@@ -316,21 +317,16 @@ class ScaleSpace:
             return self._potential(sigma, [*pull, nothing, nothing], p)
         # in a tip either side's edge also draws the other side's contour: there the map must speak up
         loud = self._floor(p) * (1 + (LOUDER / FLOOR - 1) * thin)
-        silent = 1 - self._clear(p, loud, (1 - thin) * sharp)
+        silent = loud / (p + loud)
         if finest:  # or the map, which is not so fine, would lead plain edges astray a little
-            silent = np.maximum(silent - self.plain, 0) / (1 - self.plain)
+            plain = np.maximum(self.plain, OVER * self.behind)
+            silent = np.maximum(silent - plain, 0) / (1 - plain)
         unsaid = self._pressure(sigma, sure) * (1 + (FURTHER - 1) * thin) * silent
         return self._potential(sigma, [*pull, unsaid, self._pole(sigma, sure)], p)
 
-    def _pull(self, s: float, p: np.ndarray, slope: np.ndarray, sharp: np.ndarray | float) -> np.ndarray:
-        """Way to the edge [samples], shape (2, h, w), shorter where it is faint, see `_clear`."""
-        return slope * (self._blur(s) ** 2 / (p + 1e-12) * self._clear(p, self._floor(p), sharp))
-
-    @staticmethod
-    def _clear(p: np.ndarray, floor: np.ndarray | float, sharp: np.ndarray | float) -> np.ndarray:
-        """How far an edge counts, 1/2 at the floor; `sharp` from 0 to 1: how much sooner it is all or nothing."""
-        over = p / floor
-        return 1 - 1 / (1 + over * (1 + sharp * (over - 1)))
+    def _pull(self, s: float, p: np.ndarray, slope: np.ndarray) -> np.ndarray:
+        """Way to the edge [samples], shape (2, h, w)."""
+        return slope * (self._blur(s) ** 2 / (p + self._floor(p)))
 
     def _limb(self, s: float, weight: np.ndarray | float, p: np.ndarray, pull: np.ndarray) -> np.ndarray:
         """What shading adds to the pull [samples], shape (2, h, w), from how it changes when the blur is doubled.
@@ -342,7 +338,7 @@ class ScaleSpace:
         blur, two = self._blur(s), math.sqrt(2)
         wide = math.sqrt(s**2 + 3 * blur**2)
         p_wide, slope = self._edges(wide, weight)
-        change = self._pull(wide, p_wide, slope, self.behind) - pull
+        change = self._pull(wide, p_wide, slope) - pull
         size = _size(change) + 1e-12
         d = np.clip(size / (blur * LIMB), 0, 1)
         b = 2 * two - 1 - (1 + two) * d

@@ -5,7 +5,7 @@ import pytest
 
 from symseek.sim.camera import Camera
 from symseek.sim.foreground import Foreground
-from symseek.sim.potential import FINEST_PX, FLOOR, ScaleSpace, sigma_list
+from symseek.sim.potential import FINEST_PX, FLOOR, OVER, ScaleSpace, sigma_list
 from symseek.sim.problem import Settings, View
 from tests import reference
 
@@ -90,18 +90,21 @@ def test_the_finest_pull_is_to_where_the_object_ends(ramp):
     assert abs(finest) < max(0.15 * abs(plain), 0.01)
 
 
-def test_before_another_object_an_edge_is_believed_sooner_than_the_map():
-    """Of x floors, by x / (1 + x) of the way and 1 / (1 + x) of the map's word; before what lies behind by x^2 for x."""
-    image = _step_image((120, 120), 60, 0.5, 0.4)
+@pytest.mark.parametrize("contrast", [0.1, 0.4])
+def test_over_another_object_the_map_is_believed_less(contrast):
+    """Beside an edge of x floors its word is 1 / (1 + x) of all; over what lies behind less by `OVER`, down to nothing."""
+    image = _step_image((120, 120), 60, 0.5, 0.5 - contrast)
     image[:60] = _step_image((60, 120), 60, 1.0, 0.0)
     inside = np.tile(np.arange(120) < 61, (120, 1)).astype(np.float32)
     behind = np.tile(np.arange(120)[:, None] > 60, (1, 120)).astype(np.float32)
     spaces = [_space(image, 32.0, inside, behind=b) for b in (None, behind)]
-    for row, floors, told in ((30, 1 / FLOOR, False), (90, 0.1 / FLOOR, True)):
-        alone, before = ([space.at(1.0, finest).samples[row, 60] for finest in (False, True)] for space in spaces)
-        np.testing.assert_array_equal(before[0], alone[0])  # the finest scale alone
-        change = (1 + floors) / (1 + floors**2) if told else 1.0
-        assert before[1][2] / alone[1][2] == pytest.approx(change, rel=0.05 if told else 1e-6)
+    for finest, told in ((False, False), (True, True)):
+        alone, before = (space.at(1.0, finest).samples[:, 60] for space in spaces)
+        np.testing.assert_array_equal(before[:, :2], alone[:, :2])
+        np.testing.assert_array_equal(before[:50], alone[:50])
+        word = 1 / (1 + contrast / FLOOR)
+        left = max(word - OVER, 0) / (1 - OVER) if told else word
+        assert before[90, 2] / alone[90, 2] == pytest.approx(left / word, abs=0.03 if told else 1e-6)
 
 
 def _zero(row, near):
