@@ -37,7 +37,7 @@ def foregrounds(
 
     Made once for each object alone. Where others are near, once more: their axes are background, apart from what runs
     along its own; and what lies in front, from the nearest on, is not looked at, so that a map goes on below it as its
-    seeds and the smoothness of its outline say.
+    seeds and the smoothness of its outline say. What lies behind is told by the maps made for each alone.
 
     Args:
         view: image and what is not to be looked at.
@@ -86,7 +86,7 @@ def foregrounds(
 
 
 def _before(map_: Foreground, others: Sequence[Foreground]) -> Foreground:
-    """A map that knows where the others, which lie behind, are, or are near."""
+    """A map with `Foreground.behind`, from maps of the others, which lie behind."""
     seen = np.max([other.in_image(map_.inside.shape, map_.origin, map_.step) for other in others], axis=0)
     behind = ndimage.grey_dilation(seen, 2 * round(CLOSE * map_.half_width / map_.step) + 1)
     return dataclasses.replace(map_, behind=behind.astype(np.float32))

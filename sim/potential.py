@@ -173,7 +173,7 @@ class ScaleSpace:
             self.image, self.inside = self._sampled(view.image), self._at_step(map_.inside)
         if settings.potential == "brightness":
             self.image = self.image[..., :1]
-        self.behind = 0.0 if map_.behind is None else self._at_step(map_.behind)
+        self.behind = None if map_.behind is None else self._at_step(map_.behind)
         self._outlines: dict[float, np.ndarray] = {}
         if known is not None and self.image.shape[2] > 1:
             self.image = fewer(self.image, self._gate(1.0))
@@ -198,7 +198,8 @@ class ScaleSpace:
         half.image, half.inside = (resample(v, np.zeros(2), 2.0, half.shape) for v in (self.image, self.inside))
         if self.known is not None:
             half.known = resample(self.known, np.zeros(2), 2.0, half.shape)
-        half.behind = 0.0  # a finest scale so wide is somebody's own
+        if self.behind is not None:
+            half.behind = resample(self.behind, np.zeros(2), 2.0, half.shape)
         return half
 
     @cached_property
@@ -319,7 +320,7 @@ class ScaleSpace:
         loud = self._floor(p) * (1 + (LOUDER / FLOOR - 1) * thin)
         silent = loud / (p + loud)
         if finest:  # or the map, which is not so fine, would lead plain edges astray a little
-            plain = np.maximum(self.plain, OVER * self.behind)
+            plain = self.plain if self.behind is None else np.maximum(self.plain, OVER * self.behind)
             silent = np.maximum(silent - plain, 0) / (1 - plain)
         unsaid = self._pressure(sigma, sure) * (1 + (FURTHER - 1) * thin) * silent
         return self._potential(sigma, [*pull, unsaid, self._pole(sigma, sure)], p)

@@ -90,21 +90,23 @@ def test_the_finest_pull_is_to_where_the_object_ends(ramp):
     assert abs(finest) < max(0.15 * abs(plain), 0.01)
 
 
-@pytest.mark.parametrize("contrast", [0.1, 0.4])
-def test_over_another_object_the_map_is_believed_less(contrast):
+@pytest.mark.parametrize(("contrast", "sigma"), [(0.1, 1.0), (0.4, 1.0), (0.1, 6.0)])
+def test_over_another_object_the_map_is_believed_less(contrast, sigma):
     """Beside an edge of x floors its word is 1 / (1 + x) of all; over what lies behind less by `OVER`, down to nothing."""
     image = _step_image((120, 120), 60, 0.5, 0.5 - contrast)
     image[:60] = _step_image((60, 120), 60, 1.0, 0.0)
     inside = np.tile(np.arange(120) < 61, (120, 1)).astype(np.float32)
     behind = np.tile(np.arange(120)[:, None] > 60, (1, 120)).astype(np.float32)
-    spaces = [_space(image, 32.0, inside, behind=b) for b in (None, behind)]
-    for finest, told in ((False, False), (True, True)):
-        alone, before = (space.at(1.0, finest).samples[:, 60] for space in spaces)
+    spaces = [_space(image, 60.0, inside, behind=b) for b in (None, behind)]
+    for finest in (False, True):
+        alone, before = (space.at(sigma, finest) for space in spaces)
+        step = int(alone.step)
+        alone, before = (made.samples[:, 60 // step] for made in (alone, before))
         np.testing.assert_array_equal(before[:, :2], alone[:, :2])
-        np.testing.assert_array_equal(before[:50], alone[:50])
+        np.testing.assert_array_equal(before[: 50 // step], alone[: 50 // step])
         word = 1 / (1 + contrast / FLOOR)
-        left = max(word - OVER, 0) / (1 - OVER) if told else word
-        assert before[90, 2] / alone[90, 2] == pytest.approx(left / word, abs=0.03 if told else 1e-6)
+        left = max(word - OVER, 0) / (1 - OVER) if finest else word
+        assert before[90 // step, 2] / alone[90 // step, 2] == pytest.approx(left / word, abs=0.03 if finest else 1e-6)
 
 
 def _zero(row, near):
